@@ -1,0 +1,380 @@
+"""Every frozen record that crosses a stage, in the order of the flow.
+
+capture + mesh -> PatchMesh -> ShadingPoints -> Lighting -> Surfaces -> Mirrors, Texture, Indirect, Lobes, Detail,
+Residual -> RelightModel -> Plan -> Frame. Cameras and lights have modules of their own.
+
+Arrays name their axes: light height width pixel point face vertex surface lobe basis. Positions inside the
+recovery and the engine are centred: the mesh's middle is the origin (`PatchMesh.center` leads back to the world),
+so that float32 keeps its digits for a mesh a million metres away.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int8, Int32
+
+from relight3d.camera import Camera
+from relight3d.lights import Light
+
+# ------------------------------------------------------------------------------------------------ input
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """A mesh as a file gives it, in world coordinates."""
+
+    vertices: Float64[np.ndarray, "vertex 3"]
+    faces: Int32[np.ndarray, "face 3"]
+    vertex_normals: Float32[np.ndarray, "vertex 3"] | None = None
+    corner_uvs: Float32[np.ndarray, "face 3 2"] | None = None  # v up, as in OBJ
+    object_id: Int32[np.ndarray, " face"] | None = None  # which object or material a face belongs to
+    object_names: Mapping[int, str] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Photograph:
+    """One photograph: which lights were on, whence it was taken, and where its pixels are.
+
+    `pixels` holds linear radiance in memory instead of a file (synthetic captures); `is_valid` its mask.
+    """
+
+    name: str
+    split: str
+    lights: tuple[Light, ...]
+    camera: Camera
+    image_path: Path | None = None
+    mask_path: Path | None = None
+    group: str = ""  # the file's own word for a kind of test frame; means are reported per group
+    pixels: Float32[np.ndarray, "height width 3"] | None = None
+    is_valid: Bool[np.ndarray, "height width"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Capture:
+    """A capture folder: a mesh, and photographs under known lights. The training ones share `camera`."""
+
+    folder: Path
+    camera: Camera
+    photographs: tuple[Photograph, ...]
+    mesh: TriangleMesh
+    color_space: str = "linear"
+    unit: str = ""
+
+    def split(self, name: str) -> tuple[Photograph, ...]:
+        """The photographs of one split, in the file's order."""
+        return tuple(p for p in self.photographs if p.split == name)
+
+
+@dataclass(frozen=True, eq=False)
+class MeshReport:
+    """What cleaning and subdivision changed: a count by kind of change, and lines for a person."""
+
+    num_faces_in: int
+    num_faces_out: int
+    changes: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class PatchMesh:
+    """The clean, subdivided mesh whose faces carry the indirect light; world coordinates.
+
+    Vertices may stand at one place with different normals or UVs; `welded_vertex` gives them one number, for
+    questions about edges and neighbours. `parent_face` is the face of the input mesh each one came from.
+    """
+
+    vertices: Float64[np.ndarray, "vertex 3"]
+    faces: Int32[np.ndarray, "face 3"]
+    vertex_normals: Float32[np.ndarray, "vertex 3"]
+    welded_vertex: Int32[np.ndarray, " vertex"]
+    parent_face: Int32[np.ndarray, " face"]
+    object_id: Int32[np.ndarray, " face"] | None
+    corner_uvs: Float32[np.ndarray, "face 3 2"] | None
+    object_names: Mapping[int, str] | None
+    report: MeshReport
+
+    @cached_property
+    def center(self) -> Float64[np.ndarray, "3"]:
+        """The middle of the bounding box: the origin of all centred coordinates."""
+        return (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2
+
+    @cached_property
+    def centered_vertices(self) -> Float32[np.ndarray, "vertex 3"]:
+        """Vertices about `center`; the difference is taken in float64."""
+        return np.ascontiguousarray((self.vertices - self.center).astype(np.float32))
+
+    @cached_property
+    def radius(self) -> float:
+        """The radius of the sphere about `center` that holds the mesh."""
+        return float(np.linalg.norm(self.vertices - self.center, axis=1).max())
+
+    @cached_property
+    def face_normals(self) -> Float32[np.ndarray, "face 3"]:
+        """Unit geometric normals by the corners' order; zero for a face without area."""
+        a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.where(length > 0, normal / np.maximum(length, np.finfo(np.float64).tiny), 0.0).astype(np.float32)
+
+    @cached_property
+    def face_areas(self) -> Float64[np.ndarray, " face"]:
+        a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+# ------------------------------------------------------------------------------------- geometry of a view
+
+
+@dataclass(frozen=True, eq=False)
+class ShadingPoints:
+    """The points a picture is made of, one per pixel that sees the mesh (in a mirror, the point it shows).
+
+    Structure of arrays, centred coordinates. `normal` shades, `geometric_normal` (turned to the viewer) offsets
+    rays. `barycentric` are the weights of the face's three corners.
+    """
+
+    pixel: Int32[np.ndarray, " point"]  # flat index, row by row
+    face: Int32[np.ndarray, " point"]
+    barycentric: Float32[np.ndarray, "point 3"]
+    position: Float32[np.ndarray, "point 3"]
+    geometric_normal: Float32[np.ndarray, "point 3"]
+    normal: Float32[np.ndarray, "point 3"]
+    to_viewer: Float32[np.ndarray, "point 3"]
+    depth: Float32[np.ndarray, " point"]
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def take(self, index: np.ndarray) -> "ShadingPoints":
+        """The points of an index or a mask."""
+        return ShadingPoints(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+
+
+@dataclass(frozen=True, eq=False)
+class Lighting:
+    """How each light of a set reaches each point: the part of the direct light that geometry decides.
+
+    `cosine` is max(0, n.l) where the light is seen and 0 in its shadow; `is_lit` says seen (facing, in no shadow);
+    `is_safe` adds: clear of shadow borders by the geometry's error, so a fit may believe it.
+    """
+
+    is_lit: Bool[np.ndarray, "light point"]
+    cosine: Float32[np.ndarray, "light point"]
+    irradiance: Float32[np.ndarray, "light point 3"]  # facing irradiance * cosine, mirror-thrown light included
+    is_safe: Bool[np.ndarray, "light point"]
+    num_rays: int = 0
+
+
+# --------------------------------------------------------------------------------------- what is recovered
+
+KINDS = ("diffuse", "textured", "glossy", "mirror")
+
+
+@dataclass(frozen=True, eq=False)
+class Health:
+    """Status, rank and condition of one family of solves, one entry per face, vertex, pixel or surface.
+
+    Status codes are those of maths.least_squares.Status; `fallback` says what a bad one was replaced by.
+    """
+
+    site: str  # "surface", "face", "vertex", "pixel" or "light"
+    status: Int8[np.ndarray, " site"]
+    rank: Int32[np.ndarray, " site"]
+    condition: Float32[np.ndarray, " site"]
+    residual: Float32[np.ndarray, " site"]
+    fallback: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """The regions of one material: which face belongs to which, and what kind each is.
+
+    `kinds` holds, per surface, a tuple of words of KINDS: a surface can be textured and glossy at once.
+    `evidence` holds the numbers the words were decided by, per surface.
+    """
+
+    surface_of_face: Int32[np.ndarray, " face"]
+    names: tuple[str, ...]
+    kinds: tuple[tuple[str, ...], ...]
+    evidence: tuple[Mapping[str, float], ...] = ()
+
+    @property
+    def num_surfaces(self) -> int:
+        return len(self.names)
+
+    def which(self, kind: str) -> Bool[np.ndarray, " surface"]:
+        """True for the surfaces of a kind."""
+        return np.array([kind in kinds for kinds in self.kinds], dtype=bool)
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """A mirror surface: its plane (centred coordinates; normal to the reflecting side) and its reflectance.
+
+    `curvature` says whether the plane is only a mean: a gently curved mirror reflects with its own normals and
+    throws no sharp patch. `score` is the edge correlation it was accepted with (1.1.3).
+    """
+
+    surface: int
+    point: Float64[np.ndarray, "3"]
+    normal: Float64[np.ndarray, "3"]
+    reflectance: Float64[np.ndarray, "3"]
+    is_plane: bool
+    throws_light: bool
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class Lobe:
+    """One Lafortune lobe, eq. (4): color * max(0, c_x u_x v_x + c_y u_y v_y + c_z u_z v_z) ** exponent.
+
+    u and v are the unit directions to the light and to the viewer in the frame of the normal; the lobe is scaled so
+    that |c| = 1 in its strongest component and `color` carries the rest. `tangent` (centred coordinates, zero for an
+    isotropic lobe) is projected to each point's tangent plane.
+    """
+
+    color: Float64[np.ndarray, "3"]
+    axes: Float64[np.ndarray, "3"]  # c_x, c_y, c_z
+    exponent: float
+    tangent: Float64[np.ndarray, "3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Indirect:
+    """Indirect and ambient irradiance: low-order functions of the light at each site, eq. (7).
+
+    irradiance(site, light) = max(0, ambient + strength(light) * coefficients . basis(direction to the light)).
+    `site` is "face", "vertex" or "pixel". `anchors` are the photographed directions from the scene's middle: a light
+    farther than `reach_rad` from all of them is read at the nearest place within reach, so nothing runs away.
+    """
+
+    basis: str
+    site: str
+    coefficients: Float32[np.ndarray, "site basis 3"]
+    ambient: Float32[np.ndarray, "site 3"]
+    anchors: Float64[np.ndarray, "light 3"]
+    reach_rad: float
+    softening: float  # a lamp nearer than this counts as at this distance, in the capture's unit
+    ambient_is_separate: bool  # measured apart from the indirect light, or a stated prior
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """What the model misses at each captured pixel, as a function of the light that dies away between photographs.
+
+    radiance(pixel, light) += strength(light) * sum_k modes[pixel, k] * (weights[k] . kernel(light, anchors)).
+    """
+
+    modes: Float32[np.ndarray, "pixel mode 3"]
+    weights: Float64[np.ndarray, "mode light"]
+    anchors: Float64[np.ndarray, "light 3"]
+    length_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """What is known per pixel of the captured view: the recovered texture, normals and where they came from."""
+
+    points: ShadingPoints  # the primary hits, before detail
+    surface: Int32[np.ndarray, " point"]
+    albedo: Float32[np.ndarray, "point 3"]
+    normal: Float32[np.ndarray, "point 3"]  # with detail
+    lobe_gain: Float32[np.ndarray, " point"]  # detail of the lobe: a factor on its colour, 1 where none
+    num_lit: Int32[np.ndarray, " point"]  # photographs in which the light was seen there
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """One line of the plan: an effect on one surface (-1: the whole scene), and the evidence."""
+
+    effect: str
+    surface: int
+    is_on: bool
+    gain_db: float  # how much left-out photographs gain by the effect
+    noise_db: float  # how much of a gain is within their own scatter
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class RelightModel:
+    """Everything needed to relight a scene, and to say how far to trust it."""
+
+    camera: Camera
+    mesh: PatchMesh
+    surfaces: Surfaces
+    pixels: PixelMap
+    surface_albedo: Float64[np.ndarray, "surface 3"]
+    indirect: Indirect
+    residual: Residual | None
+    lobes: tuple[tuple[Lobe, ...], ...]  # per surface
+    mirrors: tuple[Mirror, ...]
+    lights: tuple[tuple[Light, ...], ...]  # of the training photographs, world coordinates
+    exposure: float
+    decisions: tuple[Decision, ...]
+    health: Mapping[str, Health]
+    warnings: tuple[str, ...] = ()
+    settings: Mapping[str, object] = field(default_factory=dict)
+    prices: tuple[Mapping[str, object], ...] = ()  # measured settings: error, milliseconds, rays
+    seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
+
+    def save(self, path: str | Path) -> None:
+        """Write the model file (under a temporary name, then renamed)."""
+        from relight3d.io.model_file import save_model
+
+        save_model(self, path)
+
+    def __repr__(self) -> str:
+        return (
+            f"RelightModel({self.camera.width}x{self.camera.height} px, {len(self.mesh.faces)} faces, "
+            f"{self.surfaces.num_surfaces} surfaces, {len(self.lights)} photographs)"
+        )
+
+
+# ------------------------------------------------------------------------------------------------ frames
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The parts a frame is the sum of; each is linear radiance, None where the plan left the effect out."""
+
+    direct: Float32[np.ndarray, "height width 3"] | None
+    specular: Float32[np.ndarray, "height width 3"] | None
+    indirect: Float32[np.ndarray, "height width 3"] | None
+    mirror: Float32[np.ndarray, "height width 3"] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Stats:
+    """Where a frame's time and rays went, by effect, and what was given up for a budget."""
+
+    milliseconds: Mapping[str, float]
+    rays: Mapping[str, int]
+    settings: Mapping[str, object] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def total_ms(self) -> float:
+        return float(sum(self.milliseconds.values()))
+
+    @property
+    def num_rays(self) -> int:
+        return int(sum(self.rays.values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A relit frame: linear radiance, its terms, where it hit the mesh, and its cost."""
+
+    radiance: Float32[np.ndarray, "height width 3"]
+    is_hit: Bool[np.ndarray, "height width"]
+    exposure: float  # the capture's: multiply, clip and encode to show
+    stats: Stats
+    _terms: object = None  # computed when asked for, since a live viewer seldom asks
+
+    @property
+    def terms(self) -> Terms:
+        """direct, specular, indirect and mirror radiance; they add up to `radiance`."""
+        return self._terms() if callable(self._terms) else self._terms
