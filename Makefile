@@ -17,8 +17,7 @@ test: .venv/.ready
 
 # Style, types and the direction of imports. Warnings are errors.
 check: .venv/.ready-dev
-	$(PYTHON) -m ruff check .
-	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m ruff check --output-format=concise .
 	.venv/bin/basedpyright --warnings
 	.venv/bin/lint-imports
 
@@ -26,7 +25,7 @@ check: .venv/.ready-dev
 setup: .venv/.ready-dev
 
 bench: .venv/.ready
-	$(PYTHON) -m pytest tests/benchmarks --benchmark-enable --benchmark-only $(PYTEST_ARGS)
+	$(PYTHON) -m pytest tests/benchmarks --benchmark-enable --benchmark-only --jaxtyping-packages= $(PYTEST_ARGS)
 
 figures: .venv/.ready
 	MPLBACKEND=Agg $(PYTHON) pipelines/make_figures.py

@@ -58,8 +58,8 @@ fi
 pip() { .venv/bin/python -m pip --disable-pip-version-check --no-input "$@"; }
 
 echo "setup: installing the locked packages into .venv"
-pip install --quiet --require-hashes --only-binary :all: -r requirements/lock.txt
-[ "$stamp" = .venv/.ready ] || pip install --quiet --require-hashes --only-binary :all: -r requirements/dev-lock.txt
-pip install --quiet --no-deps --no-build-isolation --editable .
+pip install -qq --require-hashes --only-binary :all: -r requirements/lock.txt
+[ "$stamp" = .venv/.ready ] || pip install -qq --require-hashes --only-binary :all: -r requirements/dev-lock.txt
+pip install -qq --no-deps --no-build-isolation --editable .
 
 touch .venv/.ready "$stamp"

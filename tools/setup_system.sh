@@ -2,8 +2,8 @@
 # Make sure of the system libraries that the wheels expect: probe first, install only what is missing, and only as root on
 # Debian or Ubuntu. Usage: tools/setup_system.sh PYTHON
 #
-# Importing Open3D and pymeshlab needs `required`. Without the others Open3D cannot draw: frames are then written without it,
-# and the tests that open a window are skipped.
+# Importing Open3D and pymeshlab needs `required`. The others have a fallback: without Vulkan frames are written without
+# Open3D, without Xvfb the tests that open a window are skipped, without libgomp numba has its slowest threads.
 set -eu
 python=${1:-python3}
 
@@ -34,6 +34,7 @@ required = {
     "libusb-1.0-0": lambda: loads("libusb-1.0.so.0"),
 }
 optional = {
+    "libgomp1": lambda: loads("libgomp.so.1"),
     "libvulkan1": lambda: loads("libvulkan.so.1"),
     "mesa-vulkan-drivers": has_vulkan_driver,
     "xvfb": lambda: shutil.which("Xvfb") is not None,
@@ -65,9 +66,9 @@ fi
 
 how="as root: apt-get install --no-install-recommends"
 if [ -n "$optional" ]; then
-    echo "setup: Open3D cannot draw here, frames are written without it ($how $optional)" >&2
+    echo "setup: some output falls back to plainer ways; for all of it, $how $optional" >&2
 fi
 if [ -n "$required" ]; then
-    echo "setup: Open3D and pymeshlab need system libraries ($how $required)" >&2
+    echo "setup: Open3D and pymeshlab need system libraries; $how $required" >&2
     exit 1
 fi
