@@ -34,8 +34,8 @@ class DirectionalLight:
     kind = "directional"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "to_light", tuple(_unit("to_light", self.to_light)))
-        object.__setattr__(self, "irradiance", tuple(_color("irradiance", self.irradiance)))
+        object.__setattr__(self, "to_light", _floats(_unit("to_light", self.to_light)))
+        object.__setattr__(self, "irradiance", _floats(_color("irradiance", self.irradiance)))
 
     @property
     def power(self) -> Float[np.ndarray, "3"]:
@@ -73,8 +73,8 @@ class PointLight:
     kind = "point"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", tuple(_vector("position", self.position)))
-        object.__setattr__(self, "intensity", tuple(_color("intensity", self.intensity)))
+        object.__setattr__(self, "position", _floats(_vector("position", self.position)))
+        object.__setattr__(self, "intensity", _floats(_color("intensity", self.intensity)))
 
     @property
     def power(self) -> Float[np.ndarray, "3"]:
@@ -130,7 +130,7 @@ class SpotLight(PointLight):
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "intensity", intensity)
         super().__post_init__()
-        object.__setattr__(self, "direction", tuple(_unit("direction", direction)))
+        object.__setattr__(self, "direction", _floats(_unit("direction", direction)))
         inner, outer = float(inner_cone_angle), float(outer_cone_angle)
         if not 0.0 <= inner <= outer <= np.pi or outer == 0.0:
             raise InputError(
@@ -205,8 +205,8 @@ class RectangleLight(PointLight):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "edge_u", tuple(_vector("edge_u", self.edge_u)))
-        object.__setattr__(self, "edge_v", tuple(_vector("edge_v", self.edge_v)))
+        object.__setattr__(self, "edge_u", _floats(_vector("edge_u", self.edge_u)))
+        object.__setattr__(self, "edge_v", _floats(_vector("edge_v", self.edge_v)))
         if np.linalg.norm(np.cross(self.edge_u, self.edge_v)) == 0.0:
             raise InputError("edge_u, edge_v", (self.edge_u, self.edge_v), "two edges that span an area")
 
@@ -257,6 +257,10 @@ def light_from_dict(entry: object, field: str = "light") -> Light:
         raise InputError(f"{field}.{error.field}", error.got, error.expected, error.hint) from None
     except TypeError as error:
         raise InputError(field, error, f"the keys of a {kind} light") from None
+
+
+def _floats(vector: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(x) for x in vector)
 
 
 def _vector(name: str, value: object) -> Float[np.ndarray, "3"]:

@@ -14,7 +14,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int8, Int32
+from jaxtyping import Bool, Float32, Float64, Int8, Int32
 
 from relight3d.camera import Camera
 from relight3d.lights import Light
@@ -155,17 +155,20 @@ class ShadingPoints:
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """How each light of a set reaches each point: the part of the direct light that geometry decides.
+    """How one light reaches each point: what geometry decides, for a light of power 1.
 
-    `cosine` is max(0, n.l) where the light is seen and 0 in its shadow; `is_lit` says seen (facing, in no shadow);
-    `is_safe` adds: clear of shadow borders by the geometry's error, so a fit may believe it.
+    Radiance is linear in the light's power (rgb), so one number per point is enough: `form` = falloff * cosine where
+    the light is seen, 0 in its shadow. `cosine` is n.l whatever stands between. `thrown` holds the same as `form`
+    for the light that each plane mirror throws (before its reflectance), None where no mirror does.
     """
 
-    is_lit: Bool[np.ndarray, "light point"]
-    cosine: Float32[np.ndarray, "light point"]
-    irradiance: Float32[np.ndarray, "light point 3"]  # facing irradiance * cosine, mirror-thrown light included
-    is_safe: Bool[np.ndarray, "light point"]
+    to_light: Float32[np.ndarray, "point 3"]
+    cosine: Float32[np.ndarray, " point"]
+    form: Float32[np.ndarray, " point"]
+    is_lit: Bool[np.ndarray, " point"]
+    thrown: Float32[np.ndarray, "mirror point"] | None = None
     num_rays: int = 0
+    num_thrown_rays: int = 0
 
 
 # --------------------------------------------------------------------------------------- what is recovered
@@ -223,6 +226,7 @@ class Mirror:
     normal: Float64[np.ndarray, "3"]
     reflectance: Float64[np.ndarray, "3"]
     is_plane: bool
+    radius: float  # of the disc about `point` that holds the mirror
     throws_light: bool
     score: float
 

@@ -1,0 +1,125 @@
+"""Rays against a triangle mesh, by Embree. The only module that knows embreex.
+
+Coordinates are centred (records.PatchMesh.centered_vertices). Embree has no near limit here, so every ray that leaves
+a surface starts a little off it; `RayScene.offset` says how far, from the float32 spacing of the largest coordinate.
+Rays are cut into tiles over a small pool of threads, since embreex releases the interpreter lock while it traces.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from relight3d.errors import MeshError
+
+NO_HIT = -1
+TILE_RAYS = 16_384  # below this a second thread costs more than it brings
+OFFSET_ULPS = 32  # of the largest coordinate: 4 ulps of error from interpolating a point, and room for Embree's own
+
+
+class Hits(NamedTuple):
+    """First hits: face (-1 for none), weights of the face's second and third corner, distance (inf for none)."""
+
+    face: Int32[np.ndarray, " ray"]
+    u: Float32[np.ndarray, " ray"]
+    v: Float32[np.ndarray, " ray"]
+    distance: Float32[np.ndarray, " ray"]
+
+
+class RayScene:
+    """A mesh made ready for rays. Raises MeshError for a mesh that Embree must not see (it does not check)."""
+
+    def __init__(self, vertices: Float32[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"]) -> None:
+        if len(faces) == 0:
+            raise MeshError("mesh faces", 0, "at least one face")
+        if not np.isfinite(vertices).all():
+            raise MeshError("mesh vertices", "NaN or infinity", "finite coordinates", "clean the mesh first")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise MeshError("mesh faces", f"index {faces.max()}", f"indices below {len(vertices)}")
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self.num_faces = len(faces)
+        self.offset_distance = np.float32(OFFSET_ULPS * np.finfo(np.float32).eps * np.abs(vertices).max())
+        self._scene = EmbreeScene()
+        TriangleMesh(self._scene, np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
+        # The first query commits the scene; it must not be two threads at once.
+        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+
+    def offset(
+        self, points: Float32[np.ndarray, "ray 3"], geometric_normal: Float32[np.ndarray, "ray 3"]
+    ) -> Float32[np.ndarray, "ray 3"]:
+        """Points moved off their surface along the unit geometric normal, so that a ray does not meet its own face."""
+        return points + geometric_normal * self.offset_distance
+
+    def first_hit(self, origins: Float32[np.ndarray, "ray 3"], directions: Float32[np.ndarray, "ray 3"]) -> Hits:
+        """The nearest face along each ray; unit directions give distances in the scene's unit."""
+        origins, directions = _rays(origins, directions)
+
+        def trace(part: slice) -> dict:
+            return self._scene.run(origins[part], directions[part], output=True)
+
+        parts = _over_tiles(trace, len(origins))
+        if not parts:
+            empty = np.zeros(0, np.float32)
+            return Hits(np.zeros(0, np.int32), empty, empty, empty)
+        face, u, v, distance = (np.concatenate([p[key] for p in parts]) for key in ("primID", "u", "v", "tfar"))
+        missed = face == NO_HIT
+        return Hits(face.astype(np.int32), u, v, np.where(missed, np.inf, distance).astype(np.float32))
+
+    def is_blocked(
+        self,
+        origins: Float32[np.ndarray, "ray 3"],
+        directions: Float32[np.ndarray, "ray 3"],
+        max_distance: Float32[np.ndarray, " ray"] | None = None,
+    ) -> Bool[np.ndarray, " ray"]:
+        """Whether anything stands along each ray, nearer than `max_distance` (in lengths of the direction).
+
+        One direction (shape 1 3) serves all origins.
+        """
+        origins, directions = _rays(origins, directions)
+        blocked = np.empty(len(origins), dtype=bool)
+        shared = len(directions) == 1
+
+        def trace(part: slice) -> None:
+            # `dists` may be overwritten by Embree: each tile hands over its own copy.
+            limit = None if max_distance is None else np.array(max_distance[part], np.float32)
+            ways = directions if shared else directions[part]
+            blocked[part] = self._scene.run(origins[part], ways, dists=limit, query="OCCLUDED") == 0
+
+        _over_tiles(trace, len(origins))
+        return blocked
+
+
+def num_threads() -> int:
+    """Threads used for rays: RELIGHT3D_THREADS, or the cores this process may run on."""
+    return max(1, int(os.environ.get("RELIGHT3D_THREADS", "0")) or len(os.sched_getaffinity(0)))
+
+
+@cache
+def _pool(threads: int, process: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="relight3d-rays")
+
+
+def _over_tiles(work: Callable[[slice], object], num: int) -> list:
+    """work(slice) over tiles that cover range(num), in order; several tiles a thread, so that a slow one evens out."""
+    if num == 0:
+        return []
+    threads = num_threads()
+    if threads == 1 or num <= TILE_RAYS:
+        return [work(slice(0, num))]
+    tile = max(TILE_RAYS // 2, -(-num // (4 * threads)))
+    # Keyed by process, since threads do not survive a fork.
+    return list(_pool(threads, os.getpid()).map(work, [slice(i, min(i + tile, num)) for i in range(0, num, tile)]))
+
+
+def _rays(origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """float32, contiguous, and as many directions as origins or just one: embreex reads past the end otherwise."""
+    origins = np.ascontiguousarray(origins, np.float32).reshape(-1, 3)
+    directions = np.ascontiguousarray(directions, np.float32).reshape(-1, 3)
+    assert len(directions) in (1, len(origins)), "one direction, or one per origin"
+    return origins, directions
