@@ -1,5 +1,5 @@
 # `make demo` and `make test` work in a fresh clone: what they need is set up on the first run, inside .venv.
-.PHONY: demo test check setup bench figures clean
+.PHONY: demo test check lint types imports setup bench figures clean
 .DEFAULT_GOAL := demo
 
 PYTHON := .venv/bin/python
@@ -15,11 +15,17 @@ demo: .venv/.ready
 test: .venv/.ready
 	$(PYTHON) -m pytest $(PYTEST_ARGS)
 
-# Style, types and the direction of imports. Warnings are errors.
-check: .venv/.ready-dev
+# Style, types and the direction of imports; warnings count. `make -k check` shows all three at once.
+check: lint types imports
+
+lint: .venv/.ready-dev
 	$(PYTHON) -m ruff check --output-format=concise .
+
+types: .venv/.ready-dev
 	.venv/bin/basedpyright --warnings
-	.venv/bin/lint-imports
+
+imports: .venv/.ready-dev
+	.venv/bin/lint-imports --no-logo
 
 # Everything a developer needs.
 setup: .venv/.ready-dev
