@@ -103,8 +103,9 @@ def fit_baseline(
     anchors, irradiance = frame.describe(every_light)
     photograph_of_light = np.repeat(np.arange(is_lit.sum()), [len(each) for each in lights if len(each)])
     share, total = _shares(irradiance, photograph_of_light)
-    unit = (radiance[is_lit] - ambient) / np.where(total > 0, total, np.inf)[:, None, :]
-    unit = np.where(np.isnan(unit), _mean_of_known(unit), unit)
+    unit = (radiance[is_lit] - ambient) / np.where(total > 0, total, np.inf)[:, None, :].astype(np.float32)
+    if np.isnan(unit).any():
+        unit = np.where(np.isnan(unit), _mean_of_known(unit), unit)
 
     solution = _solve(name, share, anchors, ridge)
     return Baseline(

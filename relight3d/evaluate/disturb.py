@@ -51,7 +51,7 @@ def with_shift(capture: Capture, right_px: float, down_px: float) -> Capture:
 
 
 def with_blocked_light(capture: Capture, index: int, share: float = 0.5) -> Capture:
-    """Something outside the mesh keeps a light from the picture's left `share` in one training photograph."""
+    """Something outside the mesh keeps all light from the picture's left `share` in one training photograph."""
 
     def block(image: Image) -> np.ndarray:
         blocked = image.copy()
