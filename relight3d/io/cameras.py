@@ -11,7 +11,7 @@ from relight3d.io.json_fields import json_object, matrix, number, read_json, sho
 
 INTRINSICS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "camera_angle_x")
 _MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")  # those k1 k2 p1 p2 can say
-_MOST_PIXELS = 65536  # a side; an image of more would not fit in memory
+_MOST_PIXELS = 65536.0  # a side; an image of more would not fit in memory
 
 
 def camera_from_keys(
@@ -33,11 +33,11 @@ def camera_from_keys(
         place = prefix if key in own or fallback_prefix is None else fallback_prefix
         return number(keys, key, place, **limits)
 
-    width, height = (_whole(read(key, above=0, most=_MOST_PIXELS), f"{prefix}{key}") for key in ("w", "h"))
+    width, height = (_whole(read(key, above=0.0, most=_MOST_PIXELS), f"{prefix}{key}") for key in ("w", "h"))
     if "fl_x" not in keys and "camera_angle_x" in keys:
-        keys["fl_x"] = width / 2 / math.tan(read("camera_angle_x", above=0, most=3.1) / 2)
-    fx = read("fl_x", above=0, most=1e9)
-    fy = read("fl_y", above=0, most=1e9, default=fx)
+        keys["fl_x"] = width / 2 / math.tan(read("camera_angle_x", above=0.0, most=3.1) / 2)
+    fx = read("fl_x", above=0.0, most=1e9)
+    fy = read("fl_y", above=0.0, most=1e9, default=fx)
     cx, cy = read("cx", default=width / 2), read("cy", default=height / 2)
     lens = {key: read(key, default=0.0) for key in ("k1", "k2", "p1", "p2")}
     pose = matrix(entry, "transform_matrix", prefix)

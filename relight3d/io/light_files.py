@@ -2,25 +2,26 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 from relight3d.errors import InputError
 from relight3d.io.json_fields import read_json
 from relight3d.lights import LIGHT_TYPES, Light, light_from_dict
 
+_VECTORS, _COLORS = ("to_light", "position", "direction", "edge_u", "edge_v"), ("irradiance", "intensity")
 _MOST = 1e30  # beyond it squares overflow float64 before anybody notices
 
 
 def light_of(entry: object, field: str) -> Light:
     """One light. Raises InputError naming `field` and the key at fault, NaN and numbers beyond 1e30 included."""
-    kind = entry.get("type") if isinstance(entry, dict) else None
-    if isinstance(entry, dict) and not isinstance(kind, str):
-        raise InputError(f"{field}.type", repr(kind), f"one of {', '.join(LIGHT_TYPES)}")
-    if isinstance(entry, dict) and kind in LIGHT_TYPES:
-        for key in (known.name for known in dataclasses.fields(LIGHT_TYPES[kind])):
-            value = entry.get(key, 0.0)
-            if not all(_is_number(part) for part in (value if isinstance(value, list) else [value])):
-                raise InputError(f"{field}.{key}", repr(value), "finite numbers")
-    return light_from_dict(entry, field)
+    if not isinstance(entry, dict):
+        return light_from_dict(entry, field)  # which refuses it
+    kind = entry.get("type")
+    if not isinstance(kind, str) or kind not in LIGHT_TYPES:
+        raise InputError(f"{field}.type", "nothing" if kind is None else repr(kind), f"one of {', '.join(LIGHT_TYPES)}")
+    known = {argument.name for argument in dataclasses.fields(LIGHT_TYPES[kind])}
+    values = {key: _argument(key, value, field) if key in known else value for key, value in entry.items()}
+    return light_from_dict(values, field)
 
 
 def lights_of(entry: dict, prefix: str, required: bool) -> tuple[Light, ...]:
@@ -55,6 +56,18 @@ def read_lights(path: str | Path) -> tuple[list[list[Light]], bool]:
     return [
         [light_of(entry, f"{path.name} [{i}][{j}]") for j, entry in enumerate(lights)] for i, lights in enumerate(value)
     ], True
+
+
+def _argument(key: str, value: object, field: str) -> float | tuple[float, ...]:
+    """A light's argument: three floats, of one number too where a colour may be grey, or one float."""
+    if key in _COLORS and not isinstance(value, list):
+        value = [value] * 3
+    numbers: list[Any] = value if isinstance(value, list) else [value]
+    is_vector = key in _COLORS or key in _VECTORS
+    if len(numbers) != (3 if is_vector else 1) or not all(_is_number(part) for part in numbers):
+        raise InputError(f"{field}.{key}", repr(value), "three finite numbers" if is_vector else "a finite number")
+    floats = tuple(float(part) for part in numbers)
+    return floats if is_vector else floats[0]
 
 
 def _is_number(value: object) -> bool:
