@@ -150,7 +150,7 @@ def _assemble(
     )
 
 
-def _unit(vectors: Float[np.ndarray, "*axes 3"], otherwise: Float[np.ndarray, "*axes 3"] | None = None) -> np.ndarray:
+def _unit(vectors: Float[np.ndarray, "*axes 3"], otherwise: Float[np.ndarray, "*#axes 3"] | None = None) -> np.ndarray:
     """At unit length; where a vector has cancelled, the other one."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     unit = vectors / np.where(length > 0, length, 1.0)

@@ -22,6 +22,7 @@ from relight3d.maths.topology import (
 from relight3d.records import TriangleMesh
 from relight3d.recover.mesh_filters import flip_folds
 
+MAX_EXTENT = 1e12  # beyond, and below the inverse, products of four lengths leave the range of float32
 FOLD_RAD = np.deg2rad(174.0)  # the filter's own limit is 175 degrees
 
 
@@ -36,7 +37,7 @@ class CleanFaces:
     twin: Int32[np.ndarray, " vertex"]  # the lowest-numbered vertex at the same place
     corner: Int64[np.ndarray, "face 3"]
     parent: Int32[np.ndarray, " face"]
-    faces_in: Int32[np.ndarray, "face 3"]  # of the input mesh
+    faces_in: Int32[np.ndarray, "input_face 3"]
     changes: dict[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -52,13 +53,12 @@ class CleanFaces:
 
     def keep(self, is_kept: Bool[np.ndarray, " face"], kind: str) -> "CleanFaces":
         """The faces marked True; the others are counted as `kind`."""
-        return replace(
-            self, corner=self.corner[is_kept], parent=self.parent[is_kept], changes=self.count(kind, (~is_kept).sum())
-        )
+        changes = self.count(kind, len(is_kept) - int(is_kept.sum()))
+        return replace(self, corner=self.corner[is_kept], parent=self.parent[is_kept], changes=changes)
 
     def count(self, kind: str, number: int) -> dict[str, int]:
         """The changes with `number` more of a kind; 0 makes no entry."""
-        return {**self.changes, kind: self.changes.get(kind, 0) + int(number)} if number else self.changes
+        return {**self.changes, kind: self.changes.get(kind, 0) + number} if number else self.changes
 
 
 def clean_faces(
@@ -107,7 +107,7 @@ def _weld(mesh: TriangleMesh, tolerance: float) -> CleanFaces:
         faces_in=mesh.faces,
     )
     clean = clean.keep(is_finite, "faces_not_finite")
-    return replace(clean, changes=clean.count("vertices_moved_to_twin", moved))
+    return replace(clean, changes=clean.count("vertices_moved_to_twin", int(moved)))
 
 
 def _drop_useless(clean: CleanFaces, min_height: float) -> CleanFaces:
@@ -121,9 +121,10 @@ def _drop_useless(clean: CleanFaces, min_height: float) -> CleanFaces:
 def _unit_frame(place: Float64[np.ndarray, "vertex 3"]) -> tuple[Float64[np.ndarray, "3"], float]:
     """The middle of the bounding box, and the power of two that takes its longest side to 0.5 to 1."""
     low, high = place.min(axis=0), place.max(axis=0)
-    center = low / 2 + high / 2  # halves first: the largest doubles must not overflow
-    half = float((high / 2 - low / 2).max())
-    return center, float(2.0 ** np.clip(np.ceil(np.log2(half)) + 1, -1000, 1000)) if half > 0 else 1.0
+    half = float((high / 2 - low / 2).max())  # halves first: the largest doubles must not overflow
+    if not half <= MAX_EXTENT or 0 < half < 1 / MAX_EXTENT:
+        raise MeshError("mesh vertices", f"an extent of {half:.3g}", f"one of {1 / MAX_EXTENT:g} to {MAX_EXTENT:g}")
+    return low / 2 + high / 2, float(2.0 ** (np.ceil(np.log2(half)) + 1)) if half > 0 else 1.0
 
 
 def _heights(points: np.ndarray, faces: np.ndarray) -> Float64[np.ndarray, " face"]:
@@ -154,13 +155,13 @@ def _orient(clean: CleanFaces, mesh: TriangleMesh) -> CleanFaces:
     flips = (flips ^ (for_flips < 0)[component]) & is_orientable[component] & ~confirmed
     corner = clean.corner.copy()
     corner[flips] = corner[flips][:, [0, 2, 1]]
-    changes = clean.count("faces_flipped", flips.sum())
+    changes = clean.count("faces_flipped", int(flips.sum()))
     notes = clean.notes
     for lowest in np.flatnonzero(~is_orientable)[:3]:
         size = int((component == lowest).sum())
         notes += (f"{size} connected faces cannot be oriented (one-sided, as a Moebius strip): left as they are",)
     clean = replace(clean, corner=corner, changes=changes, notes=notes)
-    return replace(clean, changes=clean.count("components_not_orientable", (~is_orientable).sum()))
+    return replace(clean, changes=clean.count("components_not_orientable", int((~is_orientable).sum())))
 
 
 def _unfold(clean: CleanFaces, mesh: TriangleMesh) -> CleanFaces:
@@ -184,4 +185,4 @@ def _unfold(clean: CleanFaces, mesh: TriangleMesh) -> CleanFaces:
     own = before[is_changed][:, None, :] == after[is_changed][:, :, None]
     kept = np.take_along_axis(clean.corner[is_changed], own.argmax(axis=2), axis=1)
     corner[is_changed] = np.where(own.any(axis=2), kept, corner_at[after[is_changed]])
-    return replace(clean, corner=corner, changes=clean.count("faces_unfolded", is_changed.sum()))
+    return replace(clean, corner=corner, changes=clean.count("faces_unfolded", int(is_changed.sum())))
