@@ -70,7 +70,7 @@ class Camera:
         )
 
     @property
-    def intrinsics(self) -> tuple[float, ...]:
+    def intrinsics(self) -> tuple[float | int, ...]:
         return (self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.k1, self.k2, self.p1, self.p2)
 
     def resized(self, width: int, height: int) -> "Camera":
@@ -102,7 +102,7 @@ class Camera:
     def project(
         self, points: Float[np.ndarray, "point 3"]
     ) -> tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, " point"]]:
-        """Image points (x, y) and depths along the axis; points behind the camera have depth <= 0 and NaN image points."""
+        """Image points (x, y) and depths along the axis; behind the camera the depth is <= 0 and the point NaN."""
         in_camera = (np.asarray(points, np.float64) - self.center) @ self.world_from_camera[:3, :3]
         depth = -in_camera[:, 2]
         safe = np.where(depth > 0, depth, np.nan)
@@ -148,7 +148,7 @@ class Camera:
 
 
 def look_at(
-    eye: np.ndarray, target: np.ndarray, up: np.ndarray = np.array([0.0, 0.0, 1.0])
+    eye: np.ndarray, target: np.ndarray, up: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 1.0)
 ) -> Float[np.ndarray, "4 4"]:
     """world_from_camera of a camera at `eye` that looks at `target`."""
     eye = np.asarray(eye, np.float64)

@@ -13,6 +13,9 @@ from jaxtyping import Float
 
 from relight3d.errors import InputError
 
+Vector = Sequence[float | int] | np.ndarray  # three numbers; kept as a tuple of floats
+Color = Vector | float | int | np.number  # three numbers, or one for grey
+
 FAR = 1e30  # the distance of a directional light: beyond every scene, and finite
 
 
@@ -28,8 +31,8 @@ class Incident(NamedTuple):
 class DirectionalLight:
     """A light at infinity: `irradiance` (rgb or a number for grey) on a surface that faces it."""
 
-    to_light: tuple[float, float, float]
-    irradiance: tuple[float, float, float]
+    to_light: Vector
+    irradiance: Color
 
     kind = "directional"
 
@@ -42,7 +45,7 @@ class DirectionalLight:
         """The colour that scales everything this light does."""
         return np.array(self.irradiance)
 
-    def scaled(self, factor: float | Sequence[float]) -> "DirectionalLight":
+    def scaled(self, factor: Color) -> "DirectionalLight":
         """The same light, brighter or coloured by `factor`."""
         return replace(self, irradiance=tuple(self.power * factor))
 
@@ -67,8 +70,8 @@ class DirectionalLight:
 class PointLight:
     """A small lamp: irradiance = intensity * cos / distance^2."""
 
-    position: tuple[float, float, float]
-    intensity: tuple[float, float, float]
+    position: Vector
+    intensity: Color
 
     kind = "point"
 
@@ -81,7 +84,7 @@ class PointLight:
         """The colour that scales everything this light does."""
         return np.array(self.intensity)
 
-    def scaled(self, factor: float | Sequence[float]) -> "PointLight":
+    def scaled(self, factor: Color) -> "PointLight":
         """The same light, brighter or coloured by `factor`."""
         return replace(self, intensity=tuple(self.power * factor))
 
@@ -96,10 +99,11 @@ class PointLight:
         tiny = np.finfo(points.dtype).tiny
         distance = np.sqrt(squared)
         to_light = offset / np.maximum(distance, np.sqrt(tiny))[:, None]
-        falloff = np.where(squared > tiny, 1.0 / np.maximum(squared, tiny), 0.0) * self._cone(to_light)
+        falloff = np.where(squared > tiny, 1.0 / np.maximum(squared, tiny), 0.0) * self.cone(to_light)
         return Incident(to_light, falloff[:, None] * np.asarray(self.intensity, points.dtype), distance)
 
-    def _cone(self, to_light: np.ndarray) -> np.ndarray | float:
+    def cone(self, to_light: np.ndarray) -> np.ndarray | float:
+        """How much of the intensity goes each way; `to_light` points from the surface to the lamp."""
         return 1.0
 
     def to_dict(self) -> dict:
@@ -113,7 +117,7 @@ class SpotLight(PointLight):
     Falloff as glTF KHR_lights_punctual: the square of a clamped linear ramp in the cosine.
     """
 
-    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    direction: Vector = (0.0, 0.0, -1.0)
     inner_cone_angle: float = 0.0
     outer_cone_angle: float = np.pi / 4
 
@@ -121,9 +125,9 @@ class SpotLight(PointLight):
 
     def __init__(  # the contract's order of arguments: direction before intensity
         self,
-        position: Sequence[float],
-        direction: Sequence[float],
-        intensity: float | Sequence[float],
+        position: Vector,
+        direction: Vector,
+        intensity: Color,
         inner_cone_angle: float = 0.0,
         outer_cone_angle: float = np.pi / 4,
     ) -> None:
@@ -139,19 +143,20 @@ class SpotLight(PointLight):
         object.__setattr__(self, "inner_cone_angle", inner)
         object.__setattr__(self, "outer_cone_angle", outer)
 
-    def scaled(self, factor: float | Sequence[float]) -> "SpotLight":
+    def scaled(self, factor: Color) -> "SpotLight":
         """The same light, brighter or coloured by `factor`."""
-        return self._with(intensity=tuple(self.power * factor))
+        return self.moved(intensity=tuple(self.power * factor))
 
     def translated(self, offset: np.ndarray) -> "SpotLight":
         """The light moved by `offset`."""
-        return self._with(position=tuple(np.asarray(self.position) + offset))
+        return self.moved(position=tuple(np.asarray(self.position) + offset))
 
-    def _with(self, **changes) -> "SpotLight":
+    def moved(self, **changes) -> "SpotLight":
+        """The same light with some of its arguments changed (dataclasses.replace cannot: the order is the contract's)."""
         names = ("position", "direction", "intensity", "inner_cone_angle", "outer_cone_angle")
         return SpotLight(**{**{name: getattr(self, name) for name in names}, **changes})
 
-    def _cone(self, to_light: np.ndarray) -> np.ndarray:
+    def cone(self, to_light: np.ndarray) -> np.ndarray:
         cosine = -to_light @ np.asarray(self.direction, to_light.dtype)
         inner, outer = np.cos(self.inner_cone_angle), np.cos(self.outer_cone_angle)
         # Equal angles make a hard edge: the ramp is given a width of 1e-3 in the cosine, as glTF advises.
@@ -198,8 +203,8 @@ class RectangleLight(PointLight):
     `intensity` is that along its normal; to other directions it falls with the cosine.
     """
 
-    edge_u: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    edge_v: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    edge_u: Vector = (1.0, 0.0, 0.0)
+    edge_v: Vector = (0.0, 1.0, 0.0)
 
     kind = "rectangle"
 
@@ -231,9 +236,9 @@ class RectangleLight(PointLight):
 class RectangleSample(PointLight):
     """One share of a panel: a point light that falls with the cosine to the panel's normal."""
 
-    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    normal: Vector = (0.0, 0.0, 1.0)
 
-    def _cone(self, to_light: np.ndarray) -> np.ndarray:
+    def cone(self, to_light: np.ndarray) -> np.ndarray:
         return np.maximum(0.0, -to_light @ np.asarray(self.normal, to_light.dtype))
 
 

@@ -171,6 +171,35 @@ class Lighting:
     num_thrown_rays: int = 0
 
 
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """The training photographs at the points of the captured view, normalised, with all that geometry says of them.
+
+    `radiance` is divided by each photograph's `scale` (the summed power of its lights per colour; for a lights-off
+    frame the mean of the others), so that photographs of unequal lamps stand on one footing; `weight` carries
+    what the division did to the noise, and is 0 where a colour or pixel says nothing. `form` sums the lights of a
+    photograph by their share of the colour (its last axis has length 1 when every photograph has one light). `lights`
+    are in centred coordinates.
+    """
+
+    radiance: Float32[np.ndarray, "photo point 3"]
+    weight: Float32[np.ndarray, "photo point"]
+    scale: Float64[np.ndarray, "photo 3"]
+    lights: tuple[tuple[Light, ...], ...]
+    form: Float32[np.ndarray, "photo point color"]
+    thrown: Float32[np.ndarray, "mirror photo point color"] | None
+    is_lit: Bool[np.ndarray, "photo point"]
+    is_facing: Bool[np.ndarray, "photo point"]  # towards a light, and not grazing it, whatever stands between
+    is_safe: Bool[np.ndarray, "photo point"]  # clear of shadow borders by the geometry's error, and not grazing
+    is_highlight: Bool[np.ndarray, "photo point"]  # a highlight is possible here by geometry alone
+    num_rays: int = 0
+
+    @property
+    def is_dark(self) -> Bool[np.ndarray, " photo"]:
+        """Photographs taken with every light off."""
+        return np.array([len(lights) == 0 for lights in self.lights], dtype=bool)
+
+
 # --------------------------------------------------------------------------------------- what is recovered
 
 KINDS = ("diffuse", "textured", "glossy", "mirror")
@@ -269,13 +298,32 @@ class Indirect:
 class Residual:
     """What the model misses at each captured pixel, as a function of the light that dies away between photographs.
 
-    radiance(pixel, light) += strength(light) * sum_k modes[pixel, k] * (weights[k] . kernel(light, anchors)).
+    A pixel misses one thing in the light (a normal, a lobe) and another in shadow (the indirect light), so there are two
+    sets of modes, blended by how far the light is seen:
+    radiance += strength(light) * sum_k modes[pixel, k] * (weights[k] . kernel(light, anchors)).
     """
 
-    modes: Float32[np.ndarray, "pixel mode 3"]
-    weights: Float64[np.ndarray, "mode light"]
+    lit_modes: Float32[np.ndarray, "pixel lit 3"]
+    lit_weights: Float64[np.ndarray, "lit light"]
+    dark_modes: Float32[np.ndarray, "pixel dark 3"]
+    dark_weights: Float64[np.ndarray, "dark light"]
     anchors: Float64[np.ndarray, "light 3"]
-    length_rad: float
+    lit_length_rad: float
+    dark_length_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """The unmodelled surroundings as mirrors show them: low-order functions of the light at each pixel that sees them.
+
+    In the functions of `Indirect`, but of radiance, not irradiance. `toward` is the reflected direction, by which another
+    viewpoint finds the pixel that looked most nearly the same way.
+    """
+
+    pixel: Int32[np.ndarray, " miss"]
+    toward: Float32[np.ndarray, "miss 3"]
+    coefficients: Float32[np.ndarray, "miss basis 3"]
+    ambient: Float32[np.ndarray, "miss 3"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,8 +359,9 @@ class RelightModel:
     surfaces: Surfaces
     pixels: PixelMap
     surface_albedo: Float64[np.ndarray, "surface 3"]
-    indirect: Indirect
+    indirect: Indirect | None
     residual: Residual | None
+    background: Background | None
     lobes: tuple[tuple[Lobe, ...], ...]  # per surface
     mirrors: tuple[Mirror, ...]
     lights: tuple[tuple[Light, ...], ...]  # of the training photographs, world coordinates

@@ -10,7 +10,7 @@ lobe are both BRDFs and the contract's units hold.
 """
 
 import numpy as np
-from jaxtyping import Float, Float32, Int32
+from jaxtyping import Float, Float32, Int, Int32
 
 from relight3d.camera import Camera
 from relight3d.lights import FAR, Light
@@ -30,11 +30,22 @@ def ray_scene(mesh: PatchMesh) -> RayScene:
 
 def points_seen(scene: RayScene, mesh: PatchMesh, camera: Camera) -> ShadingPoints:
     """What each pixel's centre sees of the mesh; pixels that miss it have no point."""
-    directions = camera.pixel_directions().astype(np.float32)
+    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
+    image_points = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
+    return points_along(scene, mesh, camera, np.arange(camera.num_pixels), image_points)
+
+
+def points_along(
+    scene: RayScene,
+    mesh: PatchMesh,
+    camera: Camera,
+    pixel: Int[np.ndarray, " ray"],
+    image_points: Float[np.ndarray, "ray 2"],
+) -> ShadingPoints:
+    """What the rays through image points (x, y) see of the mesh, each kept under its pixel."""
+    directions = camera.directions(image_points).astype(np.float32)
     origin = (camera.center - mesh.center).astype(np.float32)
-    return _points_along(
-        scene, mesh, np.arange(camera.num_pixels), np.broadcast_to(origin, directions.shape), directions
-    )
+    return _points_along(scene, mesh, pixel, np.broadcast_to(origin, directions.shape), directions)
 
 
 def points_mirrored(scene: RayScene, mesh: PatchMesh, points: ShadingPoints) -> ShadingPoints:
@@ -43,11 +54,16 @@ def points_mirrored(scene: RayScene, mesh: PatchMesh, points: ShadingPoints) -> 
     Keeps the pixel; `depth` adds the way to the mirror. Points whose reflection misses the mesh are left out, and so
     are those that reflect to below their own surface.
     """
-    toward = 2 * _dot(points.normal, points.to_viewer)[:, None] * points.normal - points.to_viewer
+    toward = reflected(points)
     above = _dot(toward, points.geometric_normal) > 0
     points, toward = points.take(above), toward[above].astype(np.float32)
     origins = scene.offset(points.position, points.geometric_normal)
     return _points_along(scene, mesh, points.pixel, origins, toward, points.depth)
+
+
+def reflected(points: ShadingPoints) -> Float32[np.ndarray, "point 3"]:
+    """The direction in which each point mirrors its viewer."""
+    return 2 * _dot(points.normal, points.to_viewer)[:, None] * points.normal - points.to_viewer
 
 
 def _points_along(
@@ -93,11 +109,13 @@ def cast_light(
     normal: Float32[np.ndarray, "point 3"] | None = None,
     mirrors: tuple[Mirror, ...] = (),
     surface_of_face: Int32[np.ndarray, " face"] | None = None,
+    shadows: bool = True,
 ) -> Lighting:
     """How a light (centred coordinates) reaches the points: one shadow ray for each that faces it.
 
     A point is lit when both its geometric and its shading normal face the light and nothing stands between. `normal`
-    replaces the points' own (detail). For plane mirrors that throw light, see `cast_thrown`.
+    replaces the points' own (detail). For plane mirrors that throw light, see `cast_thrown`. Without `shadows` whatever
+    faces the light is lit, and no ray is cast.
     """
     normal = points.normal if normal is None else normal
     to_light, irradiance, distance = light.incident(points.position)
@@ -106,6 +124,8 @@ def cast_light(
     asks = (cosine > 0) & (_dot(points.geometric_normal, to_light) > 0) & (falloff > 0)
     asked = np.flatnonzero(asks)
     is_lit = np.zeros(len(points), dtype=bool)
+    if not shadows:
+        is_lit[asked], asked = True, asked[:0]
     if len(asked):
         origins = scene.offset(points.position[asked], points.geometric_normal[asked])
         at_infinity = distance[0] >= FAR
@@ -178,7 +198,7 @@ def mirrored_light(light: Light, mirror: Mirror) -> Light:
         return replace(light, to_light=tuple(flip @ np.asarray(light.to_light)))
     place = np.asarray(light.position) - 2 * ((np.asarray(light.position) - mirror.point) @ n) * n
     if light.kind == "spot":
-        return light._with(position=tuple(place), direction=tuple(flip @ np.asarray(light.direction)))
+        return light.moved(position=tuple(place), direction=tuple(flip @ np.asarray(light.direction)))
     return replace(light, position=tuple(place))
 
 
@@ -215,10 +235,12 @@ def light_strength(
     The light's place and direction are all that the indirect light may know of it (1.4). A lamp's strength does not
     know the surface's cosine; within `softening` it stops growing, as the light that other surfaces send does.
     """
-    to_light, irradiance, distance = light.incident(sites)
-    if len(distance) == 0 or distance[0] >= FAR:
+    to_light, _, distance = light.incident(sites)
+    if light.kind == "directional":
         return to_light, np.ones(len(sites), sites.dtype)
-    return to_light, 1.0 / np.maximum(distance, softening) ** 2
+    # A spot lights a part of the scene: what others send on is scaled by the part, wherever the site lies.
+    part = float(np.mean(light.cone(to_light)))
+    return to_light, part / np.maximum(distance, softening) ** 2
 
 
 def indirect_design(
@@ -228,7 +250,7 @@ def indirect_design(
     anchors: Float[np.ndarray, "anchor 3"],
     reach_rad: float,
     softening: float,
-) -> Float[np.ndarray, "site basis"]:
+) -> Float[np.ndarray, "row basis"]:
     """strength * basis at each site, for power 1. One row, to be broadcast, for a light at infinity."""
     sites = np.asarray(sites[:1] if light.kind == "directional" else sites, np.float64)
     to_light, strength = light_strength(light, sites, softening)
@@ -239,7 +261,7 @@ def indirect_design(
 def indirect_irradiance(
     indirect: Indirect, lights: list[Light], sites: Float[np.ndarray, "site 3"]
 ) -> Float32[np.ndarray, "site 3"]:
-    """Indirect and ambient irradiance at the sites under several lights (centred), eq. (7); ambient once, never below 0."""
+    """Indirect and ambient irradiance at the sites under lights (centred), eq. (7); ambient once, never below 0."""
     total = indirect.ambient.astype(np.float64)
     for light in lights:
         rows = indirect_design(indirect.basis, light, sites, indirect.anchors, indirect.reach_rad, indirect.softening)
@@ -251,11 +273,14 @@ def indirect_irradiance(
     return np.maximum(total, 0.0).astype(np.float32)
 
 
-def residual_weights(residual: Residual, light: Light, scene_radius: float) -> Float[np.ndarray, " mode"]:
-    """How strongly each mode of the residual answers to a light of power 1 (centred coordinates)."""
-    to_light, strength = light_strength(light, np.zeros((1, 3)), scene_radius)
+def residual_kernel(
+    residual: Residual, light: Light, softening: float
+) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, " mode"]]:
+    """How strongly the lit and the dark modes of the residual answer to a light of power 1 (centred coordinates)."""
+    to_light, strength = light_strength(light, np.zeros((1, 3)), softening)
     angle = np.arccos(np.clip(to_light @ residual.anchors.T, -1.0, 1.0))[0]
-    return residual.weights @ np.exp(-angle / residual.length_rad) * strength[0]
+    lit, dark = (np.exp(-angle / length) * strength[0] for length in (residual.lit_length_rad, residual.dark_length_rad))
+    return residual.lit_weights @ lit, residual.dark_weights @ dark
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

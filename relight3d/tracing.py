@@ -74,7 +74,7 @@ class RayScene:
     def is_blocked(
         self,
         origins: Float32[np.ndarray, "ray 3"],
-        directions: Float32[np.ndarray, "ray 3"],
+        directions: Float32[np.ndarray, "#ray 3"],
         max_distance: Float32[np.ndarray, " ray"] | None = None,
     ) -> Bool[np.ndarray, " ray"]:
         """Whether anything stands along each ray, nearer than `max_distance` (in lengths of the direction).

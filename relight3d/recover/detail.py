@@ -1,0 +1,194 @@
+"""Surface detail: a small perturbation of the normal, or of the lobe's strength, per pixel; eq. (5) and (6).
+
+The shading is linearised in the perturbation and solved by damped least squares over the photographs, a few times
+over. Where no photograph says anything the perturbation stays zero.
+
+Differs from the paper: the diffuse term takes part as well as the lobe (trap 17). Highlights are in one or two
+photographs of a pixel or in none, the diffuse shading is in all of them and is linear in the normal; both are used,
+on a compressed scale, so that neither peak nor noise drowns the other.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32
+
+from relight3d.errors import InputError
+from relight3d.maths.lafortune import tangent_frame
+from relight3d.records import Lobe
+from relight3d.shading import lobe_brdf
+
+MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
+
+
+@dataclass(frozen=True)
+class DetailOptions:
+    """How the perturbation is held."""
+
+    mode: str = "auto"  # off, normal, lobe, or auto: what left-out photographs prefer
+    damping: float = 0.02  # of the data's own mean information: a pixel that knows less moves less
+    num_steps: int = 3
+
+    def __post_init__(self) -> None:
+        if self.mode not in ("auto", "off", "normal", "lobe"):
+            raise InputError("detail.mode", self.mode, "auto, off, normal or lobe")
+
+
+@dataclass(frozen=True, eq=False)
+class DetailData:
+    """What the perturbation of one surface's points is solved from; photographs first, then points."""
+
+    to_light: Float32[np.ndarray, "photo point 3"]  # or (photo, 1, 3) for lights at infinity
+    falloff: Float32[np.ndarray, "photo point color"]  # facing irradiance for power 1 where seen, without the cosine
+    measured: Float32[np.ndarray, "photo point 3"]
+    other: Float32[np.ndarray, "photo point 3"]  # indirect and thrown light: all that the normal does not change
+    weight: Float32[np.ndarray, "photo point"]
+    albedo: Float32[np.ndarray, "point 3"]
+    normal: Float32[np.ndarray, "point 3"]  # the mesh's
+    to_viewer: Float32[np.ndarray, "point 3"]
+
+
+def perturb_normals(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, damping: float | None = None
+) -> Float32[np.ndarray, "point 3"]:
+    """Unit normals tilted so that the photographs agree better: damped Gauss-Newton on two tilts per point."""
+    damping = options.damping if damping is None else damping
+    tangent, bitangent = tangent_frame(data.normal)
+    tilt = np.zeros((len(data.normal), 2), np.float32)
+    for _ in range(options.num_steps):
+        gram, moment = _normal_equations(data, lobes, white, tangent, bitangent, tilt)
+        trace = gram[:, 0] + gram[:, 2]
+        typical = float(np.mean(trace[trace > 0])) if (trace > 0).any() else 1.0
+        # Damping pulls the whole tilt to zero, not only the step: detail is a small correction.
+        ridge = damping * typical
+        moment = moment - ridge * tilt
+        a, b, c = gram[:, 0] + ridge, gram[:, 1], gram[:, 2] + ridge
+        determinant = np.maximum(a * c - b * b, 1e-30)
+        step = np.stack([c * moment[:, 0] - b * moment[:, 1], a * moment[:, 1] - b * moment[:, 0]], 1)
+        tilt = tilt + np.where(trace[:, None] > 0, step / determinant[:, None], 0.0).astype(np.float32)
+        length = np.linalg.norm(tilt, axis=1, keepdims=True)
+        tilt *= np.minimum(1.0, MAX_TILT / np.maximum(length, 1e-9)).astype(np.float32)
+    return _tilted(data.normal, tangent, bitangent, tilt)
+
+
+def lobe_gains(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions
+) -> Float32[np.ndarray, " point"]:
+    """A factor on each point's lobe, by damped least squares; 1 where no photograph shows a highlight."""
+    top = np.zeros(len(data.normal))
+    bottom = np.zeros(len(data.normal))
+    for photo in range(len(data.measured)):
+        diffuse, specular = _shade(data, lobes, data.normal, photo)
+        calm = _slope(data.measured[photo], white) * data.weight[photo][:, None]
+        left = data.measured[photo] - diffuse - specular
+        top += (calm * left * specular).sum(axis=1)
+        bottom += (calm * specular * specular).sum(axis=1)
+    ridge = options.damping * float(bottom.mean()) if len(bottom) else 0.0
+    gain = 1.0 + top / np.maximum(bottom + ridge, 1e-30)
+    return np.clip(np.where(bottom > 0, gain, 1.0), 0.2, 5.0).astype(np.float32)
+
+
+def misfit(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, normal: np.ndarray, gain: np.ndarray, photos: np.ndarray
+) -> float:
+    """Mean squared compressed error over some photographs, for the choice between kinds of detail."""
+    total = weight = 0.0
+    for photo in photos:
+        diffuse, specular = _shade(data, lobes, normal, photo)
+        miss = np.arcsinh((diffuse + gain[:, None] * specular) / white) - np.arcsinh(data.measured[photo] / white)
+        total += float((data.weight[photo][:, None] * np.minimum(miss**2, 0.25)).sum())
+        weight += 3 * float(data.weight[photo].sum())
+    return total / max(weight, 1e-30)
+
+
+def choose_detail(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, num_folds: int = 3
+) -> tuple[str, float, float]:
+    """Which detail left-out photographs prefer: (mode, damping, dB gained over none)."""
+    num_photos = len(data.measured)
+    modes = (
+        {"normal": (0.005, 0.02, 0.1, 0.5), "lobe": (0.1,)}
+        if options.mode == "auto"
+        else {options.mode: (options.damping,)}
+    )
+    if options.mode == "off" or num_photos < 4:
+        return "off", options.damping, 0.0
+    thin = slice(None, None, max(1, len(data.normal) // 12_000))
+    sample = _thin(data, thin)
+    base = {(m, d): 0.0 for m, ds in modes.items() for d in ds}
+    none = 0.0
+    plain = np.ones(len(sample.normal), np.float32)
+    for fold in range(num_folds):
+        out = np.arange(fold, num_photos, num_folds)
+        inside = _photos(sample, np.setdiff1d(np.arange(num_photos), out))
+        none += misfit(sample, lobes, white, sample.normal, plain, out)
+        for mode, damping in base:
+            if mode == "normal":
+                normal, gain = perturb_normals(inside, lobes, white, options, damping), plain
+            elif lobes:
+                normal, gain = sample.normal, lobe_gains(inside, lobes, white, options)
+            else:
+                normal, gain = sample.normal, plain
+            base[mode, damping] += misfit(sample, lobes, white, normal, gain, out)
+    (mode, damping), error = min(base.items(), key=lambda item: item[1])
+    gain_db = 10 * np.log10(max(none, 1e-30) / max(error, 1e-30))
+    return mode, damping, float(gain_db)
+
+
+def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.ndarray, np.ndarray]:
+    gram = np.zeros((len(tilt), 3))
+    moment = np.zeros((len(tilt), 2))
+    step = np.float32(2e-3)
+    here = _tilted(data.normal, tangent, bitangent, tilt)
+    along_t = _tilted(data.normal, tangent, bitangent, tilt + np.array([step, 0], np.float32))
+    along_b = _tilted(data.normal, tangent, bitangent, tilt + np.array([0, step], np.float32))
+    for photo in range(len(data.measured)):
+        if not data.weight[photo].any():
+            continue
+        value = sum(_shade(data, lobes, here, photo))
+        slope_t = (sum(_shade(data, lobes, along_t, photo)) - value) / step
+        slope_b = (sum(_shade(data, lobes, along_b, photo)) - value) / step
+        miss = data.measured[photo] - value
+        # Robust on the compressed scale: a wrong shadow is a miss that no small tilt can explain.
+        calm = _slope(data.measured[photo], white) * data.weight[photo][:, None]
+        calm = calm / np.maximum(1.0, np.abs(miss) * np.sqrt(_slope(data.measured[photo], white)) / 0.15)
+        gram += np.stack(
+            [(calm * p * q).sum(1) for p, q in ((slope_t, slope_t), (slope_t, slope_b), (slope_b, slope_b))], 1
+        )
+        moment += np.stack([(calm * slope_t * miss).sum(1), (calm * slope_b * miss).sum(1)], 1)
+    return gram, moment
+
+
+def _shade(data: DetailData, lobes: tuple[Lobe, ...], normal: np.ndarray, photo: int) -> tuple[np.ndarray, np.ndarray]:
+    """(diffuse and other, specular) radiance of one photograph for power 1 under some normals."""
+    to_light = np.broadcast_to(data.to_light[photo], normal.shape)
+    cosine = np.maximum(np.einsum("pi,pi->p", normal, to_light), 0.0)[:, None]
+    form = data.falloff[photo] * cosine
+    diffuse = data.albedo / np.float32(np.pi) * form + data.other[photo]
+    if not lobes:
+        return diffuse, np.zeros_like(diffuse)
+    return diffuse, lobe_brdf(lobes, normal, to_light, data.to_viewer) * form
+
+
+def _slope(radiance: np.ndarray, white: float) -> np.ndarray:
+    """Squared slope of the compression at the measured radiance: how much a display would show of a difference."""
+    return 1.0 / (radiance * radiance + np.float32(white * white))
+
+
+def _tilted(normal: np.ndarray, tangent: np.ndarray, bitangent: np.ndarray, tilt: np.ndarray) -> np.ndarray:
+    moved = normal + tangent * tilt[:, :1] + bitangent * tilt[:, 1:]
+    return (moved / np.linalg.norm(moved, axis=1, keepdims=True)).astype(np.float32)
+
+
+def _thin(data: DetailData, part: slice) -> DetailData:
+    """Every n-th point."""
+    per_photo = {n: getattr(data, n)[:, part] for n in ("falloff", "measured", "other", "weight")}
+    shared = data.to_light.shape[1] == 1
+    per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
+    return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
+
+
+def _photos(data: DetailData, photos: np.ndarray) -> DetailData:
+    """Some of the photographs."""
+    chosen = {n: getattr(data, n)[photos] for n in ("to_light", "falloff", "measured", "other", "weight")}
+    return DetailData(**chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer)

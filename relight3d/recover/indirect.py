@@ -1,0 +1,329 @@
+"""Indirect and ambient light per face or vertex, as low-order functions of the light: eq. (7), Wu et al. 2004.
+
+Per site, total - direct - specular = albedo / pi * irradiance(light), linear in the coefficients. The photographs are
+first summed to sites (`gather`), one number per site, photograph and colour, after which neither the pixels nor the
+choice of functions matter to the cost. The order of the functions is the one that predicts left-out photographs best,
+by the leave-one-out residuals of the linear fit, which need no second fit.
+
+Differs from the paper: sites may be vertices, blended over each face, since face-wise constants show (trap 4); the
+functions are of the direction's cosines, since the angles' polynomial breaks at the pole (trap 5).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float32, Float64
+
+from relight3d.errors import InputError
+from relight3d.maths.least_squares import Solution, Status, solve_normal
+from relight3d.maths.light_basis import BASES, degree_of
+from relight3d.records import Health, Indirect, Observations, PatchMesh, ShadingPoints
+from relight3d.shading import indirect_design
+
+SITES = ("vertex", "face", "pixel")
+
+
+@dataclass(frozen=True)
+class IndirectOptions:
+    """Which functions of the light, where, and how they are held."""
+
+    basis: str = (
+        "auto"  # a name of maths.light_basis.BASES; auto: the best of sh2, linear, constant on left-out photographs
+    )
+    site: str = "vertex"  # vertex (smooth), face (the paper), pixel
+    damping: float = 2e-3  # of the mean diagonal, times the function's degree squared
+    smoothing_px: float = 3.0  # light is gathered over about so many pixels around a site
+    max_ambient_condition: float = 60.0  # above this the photographs do not tell ambient from indirect
+
+    def __post_init__(self) -> None:
+        if self.basis != "auto" and self.basis not in BASES:
+            raise InputError("indirect.basis", self.basis, f"auto or one of {', '.join(BASES)}")
+        if self.site not in SITES:
+            raise InputError("indirect.site", self.site, f"one of {', '.join(SITES)}")
+        if not self.damping >= 0:
+            raise InputError("indirect.damping", self.damping, "0 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class SiteSums:
+    """The photographs summed to sites: weight, and weighted products with the albedo, per photograph and colour."""
+
+    weight: Float64[np.ndarray, "site photo color"]  # sum of w * albedo^2
+    moment: Float64[np.ndarray, "site photo color"]  # sum of w * albedo * (pi * radiance - albedo * direct)
+
+
+def site_binding(mesh: PatchMesh, points: ShadingPoints, site: str) -> sp.csr_matrix:
+    """How much each point says of each site: barycentric weights for vertices, 1 for its face, itself for pixels."""
+    num = len(points)
+    if site == "pixel":
+        return sp.identity(num, format="csr", dtype=np.float32)
+    if site == "face":
+        ones = np.ones(num, np.float32)
+        return sp.csr_matrix((ones, (points.face, np.arange(num))), shape=(len(mesh.faces), num))
+    corners = mesh.faces[points.face]
+    columns = np.repeat(np.arange(num), 3)
+    entries = (points.barycentric.ravel(), (corners.ravel(), columns))
+    return sp.csr_matrix(entries, shape=(len(mesh.vertices), num))
+
+
+def site_positions(mesh: PatchMesh, points: ShadingPoints, site: str) -> Float32[np.ndarray, "site 3"]:
+    """Where the sites are, in centred coordinates."""
+    if site == "pixel":
+        return points.position
+    return mesh.centered_vertices if site == "vertex" else mesh.centered_vertices[mesh.faces].mean(axis=1)
+
+
+def spread_over_neighbours(mesh: PatchMesh, binding: sp.csr_matrix, site: str, smoothing_px: float) -> sp.csr_matrix:
+    """The binding widened along the mesh until a site hears about (2 * smoothing_px)^2 pixels, and every site is heard.
+
+    Steps along edges halve in strength, so that a dense site keeps its own light and a sparse one borrows.
+    """
+    if site == "pixel" or smoothing_px <= 0:
+        return binding
+    step = _neighbours(mesh, site)
+    wanted = np.pi * smoothing_px**2
+    total, reached = binding.astype(np.float32), binding
+    for _ in range(12):
+        heard = np.asarray(total.sum(axis=1)).ravel()
+        short = np.clip(1.0 - heard / wanted, 0.0, 1.0)
+        if short.max() < 1e-3:
+            break
+        reached = step @ reached
+        total = total + sp.diags((0.5 * short).astype(np.float32)) @ reached
+        if total.nnz > 60 * max(binding.shape):  # memory: a site need not hear more than this
+            break
+    return total.tocsr()
+
+
+def _neighbours(mesh: PatchMesh, site: str) -> sp.csr_matrix:
+    """Row-normalised adjacency of vertices by edges, or of faces by shared vertices of one normal."""
+    faces, num = mesh.faces, len(mesh.vertices)
+    if site == "vertex":
+        rows = faces[:, [0, 1, 2, 1, 2, 0]].ravel()
+        columns = faces[:, [1, 2, 0, 0, 1, 2]].ravel()
+        matrix = sp.csr_matrix((np.ones(len(rows), np.float32), (rows, columns)), shape=(num, num))
+    else:
+        index = np.repeat(np.arange(len(faces)), 3)
+        touch = sp.csr_matrix((np.ones(len(index), np.float32), (index, faces.ravel())), shape=(len(faces), num))
+        matrix = (touch @ touch.T).tocsr()
+        matrix.setdiag(0)
+    matrix.data[:] = 1.0
+    degree = np.maximum(np.asarray(matrix.sum(axis=1)).ravel(), 1.0)
+    return sp.diags((1.0 / degree).astype(np.float32)) @ matrix
+
+
+def gather(
+    binding: sp.csr_matrix,
+    weight: Float32[np.ndarray, "photo point"],
+    albedo: Float32[np.ndarray, "point 3"],
+    target: Float32[np.ndarray, "photo point 3"],
+    direct: Float32[np.ndarray, "photo point color"],
+) -> SiteSums:
+    """Sum the photographs to sites; `target` is radiance without its specular part, `direct` irradiance for power 1."""
+    num_photos = len(target)
+    weights = np.empty((binding.shape[0], num_photos, 3))
+    moments = np.empty_like(weights)
+    for photo in range(num_photos):
+        squared = weight[photo][:, None] * albedo
+        weights[:, photo] = binding @ (squared * albedo)
+        moments[:, photo] = binding @ (squared * (np.pi * target[photo] - albedo * direct[photo]))
+    return SiteSums(weights, moments)
+
+
+@dataclass(frozen=True, eq=False)
+class LightDesign:
+    """The functions of the light at every site and photograph, with the ambient's column last if it has one."""
+
+    basis: str
+    rows: Float64[np.ndarray, "site photo color unknown"]  # sites or colours of length 1 are shared
+    damping: Float64[np.ndarray, " unknown"]
+    has_ambient: bool
+
+
+def design(
+    basis: str,
+    observed: Observations,
+    sites: Float32[np.ndarray, "site 3"],
+    anchors: Float64[np.ndarray, "light 3"],
+    softening: float,
+    options: IndirectOptions,
+) -> LightDesign:
+    """Rows of eq. (7) for normalised photographs: the lights' shares times strength times basis; 1 / scale for ambient."""
+    all_directional = all(light.kind == "directional" for each in observed.lights for light in each)
+    num_sites = 1 if all_directional else len(sites)
+    colors = 1 if observed.form.shape[2] == 1 else 3
+    rows = np.zeros((num_sites, len(observed.lights), colors, BASES[basis]))
+    for photo, each in enumerate(observed.lights):
+        for light in each:
+            share = light.power / observed.scale[photo] if colors == 3 else np.ones(1)
+            part = indirect_design(basis, light, sites[:num_sites], anchors, np.pi, softening)
+            rows[:, photo] += part[:, None, :] * share[None, :, None]
+    damping = options.damping * degree_of(basis) ** 2
+    inverse = observed.scale.mean(axis=0).mean() / observed.scale.mean(axis=1)
+    has_ambient = _tells_ambient(rows.mean(axis=0)[:, 0], inverse, observed.is_dark, options.max_ambient_condition)
+    if has_ambient:
+        column = np.broadcast_to(inverse[None, :, None, None], (*rows.shape[:3], 1))
+        rows = np.concatenate([rows, column], axis=3)
+        damping = np.append(damping, options.damping)
+    return LightDesign(basis, rows, damping, has_ambient)
+
+
+def _tells_ambient(rows: np.ndarray, inverse_scale: np.ndarray, is_dark: np.ndarray, limit: float) -> bool:
+    """Whether ambient light can be told from indirect: a lights-off frame, or intensities that differ enough (trap 6)."""
+    if is_dark.any() and not is_dark.all():
+        return True
+    joined = np.column_stack([rows, inverse_scale])
+    lengths = np.linalg.norm(joined, axis=0)
+    if (lengths == 0).any() or len(rows) < joined.shape[1]:
+        return False
+    s = np.linalg.svd(joined / lengths, compute_uv=False)
+    return bool(s[-1] * limit > s[0])
+
+
+def solve_sites(sums: SiteSums, lit: LightDesign) -> Solution:
+    """Coefficients per site and colour: a batch of damped normal equations; value is (site * color, unknown, 1)."""
+    num_sites, num_photos, _ = sums.weight.shape
+    unknowns = lit.rows.shape[3]
+    gram = np.empty((num_sites, 3, unknowns, unknowns))
+    moment = np.empty((num_sites, 3, unknowns))
+    for color in range(3):
+        rows = lit.rows[:, :, color if lit.rows.shape[2] == 3 else 0]
+        if len(rows) == 1:
+            outer = (rows[0][:, :, None] * rows[0][:, None, :]).reshape(num_photos, -1)
+            gram[:, color] = (sums.weight[:, :, color] @ outer).reshape(num_sites, unknowns, unknowns)
+            moment[:, color] = sums.moment[:, :, color] @ rows[0]
+        else:
+            gram[:, color] = np.einsum("nl,nlu,nlv->nuv", sums.weight[:, :, color], rows, rows, optimize=True)
+            moment[:, color] = np.einsum("nl,nlu->nu", sums.moment[:, :, color], rows)
+    seen = (sums.weight > 0).sum(axis=1).ravel()
+    return solve_normal(gram.reshape(-1, unknowns, unknowns), moment.reshape(-1, unknowns, 1), None, seen, lit.damping)
+
+
+def predict(solution: Solution, lit: LightDesign) -> Float32[np.ndarray, "site photo 3"]:
+    """The fitted irradiance at each site under each photograph's lights, for the normalised photographs."""
+    value = solution.value[:, :, 0].reshape(-1, 3, lit.rows.shape[3])
+    if len(lit.rows) == 1:
+        shared = lit.rows[0]
+        if shared.shape[1] == 1:
+            return np.einsum("ncu,lu->nlc", value, shared[:, 0], optimize=True).astype(np.float32)
+        return np.einsum("ncu,lcu->nlc", value, shared, optimize=True).astype(np.float32)
+    rows = np.broadcast_to(lit.rows, (*lit.rows.shape[:2], 3, lit.rows.shape[3]))
+    return np.einsum("ncu,nlcu->nlc", value, rows, optimize=True).astype(np.float32)
+
+
+def left_out_error(sums: SiteSums, lit: LightDesign) -> float:
+    """Mean squared leave-one-photograph-out error, per unit of weight, over a sample of sites (PRESS, exact for linear fits)."""
+    take = np.linspace(0, len(sums.weight) - 1, min(4000, len(sums.weight))).astype(int)
+    weight, moment = sums.weight[take], sums.moment[take]
+    squared = total = 0.0
+    for color in range(3):
+        rows = lit.rows[:, :, color if lit.rows.shape[2] == 3 else 0]
+        rows = np.broadcast_to(rows if len(rows) == 1 else rows[take], (len(take), *rows.shape[1:]))
+        w = weight[:, :, color]
+        gram = np.einsum("nl,nlu,nlv->nuv", w, rows, rows, optimize=True)
+        mean = np.maximum(np.einsum("nuu->n", gram) / gram.shape[1], 1e-30)
+        ridge = (lit.damping + 1e-9)[None] * mean[:, None]
+        inverse = np.linalg.inv(gram + ridge[:, :, None] * np.eye(gram.shape[1]))
+        value = np.einsum("nuv,nlv,nl->nu", inverse, rows, moment[:, :, color], optimize=True)
+        miss = moment[:, :, color] / np.maximum(w, 1e-30) - np.einsum("nlu,nu->nl", rows, value)
+        leverage = np.einsum("nlu,nuv,nlv->nl", rows, inverse, rows, optimize=True) * w
+        squared += float((w * (miss / np.maximum(1.0 - leverage, 0.02)) ** 2).sum())
+        total += float(w.sum())
+    return squared / max(total, 1e-30)
+
+
+def choose_basis(
+    sums: SiteSums,
+    observed: Observations,
+    sites: np.ndarray,
+    anchors: np.ndarray,
+    softening: float,
+    options: IndirectOptions,
+) -> LightDesign:
+    """The basis asked for, or the one that predicts left-out photographs best; fewer functions than photographs."""
+    names = ("constant", "linear", "sh2") if options.basis == "auto" else (options.basis,)
+    usable = [n for n in names if BASES[n] < max(len(observed.lights), 2)] or ["constant"]
+    designs = [design(name, observed, sites, anchors, softening, options) for name in usable]
+    if len(designs) == 1:
+        return designs[0]
+    errors = [left_out_error(sums, each) for each in designs]
+    return designs[int(np.argmin(errors))]
+
+
+def indirect_of(
+    solution: Solution, lit: LightDesign, observed: Observations, site: str, anchors: np.ndarray, softening: float
+) -> tuple[Indirect, Health]:
+    """The record of the solve: coefficients per site, ambient apart, and where the answer is weak."""
+    count = BASES[lit.basis]
+    value = solution.value[:, :, 0].reshape(-1, 3, lit.rows.shape[3]).transpose(0, 2, 1)
+    ambient = np.zeros((len(value), 3))
+    if lit.has_ambient:
+        # The column was 1 / scale relative to the mean scale: in absolute irradiance it is the mean scale's share.
+        ambient = np.maximum(value[:, count] * observed.scale.mean(axis=0).mean(), 0.0)
+    spacing = _spacing(anchors)
+    indirect = Indirect(
+        basis=lit.basis,
+        site=site,
+        coefficients=np.ascontiguousarray(value[:, :count], np.float32),
+        ambient=ambient.astype(np.float32),
+        anchors=anchors,
+        reach_rad=spacing,
+        softening=softening,
+        ambient_is_separate=lit.has_ambient,
+    )
+    by_site = solution.status.reshape(-1, 3)
+    health = Health(
+        site,
+        by_site.max(axis=1).astype(np.int8),
+        solution.rank.reshape(-1, 3).min(axis=1).astype(np.int32),
+        solution.condition.reshape(-1, 3).max(axis=1).astype(np.float32),
+        solution.residual.reshape(-1, 3).mean(axis=1).astype(np.float32),
+        fallback="the light of the nearest sites with data",
+    )
+    return indirect, health
+
+
+def fill_unseen(mesh: PatchMesh, indirect: Indirect, health: Health) -> tuple[Indirect, Health]:
+    """Sites without data take the mean of the nearest sites that have some (by distance and normal)."""
+    from dataclasses import replace
+
+    missing = health.status == Status.NO_DATA
+    if indirect.site == "pixel" or not missing.any() or missing.all():
+        return indirect, health
+    places = mesh.centered_vertices
+    normals = mesh.vertex_normals
+    if indirect.site == "face":
+        places, normals = places[mesh.faces].mean(axis=1), mesh.face_normals
+    from scipy.spatial import cKDTree
+
+    # Normals count as a quarter of the scene: light changes more around a corner than along a wall.
+    keyed = np.concatenate([places, 0.25 * mesh.radius * normals], axis=1)
+    tree = cKDTree(keyed[~missing])
+    distance, nearest = tree.query(keyed[missing], k=min(4, int((~missing).sum())))
+    distance, nearest = distance.reshape(missing.sum(), -1), nearest.reshape(missing.sum(), -1)
+    share = 1.0 / np.maximum(distance, 1e-9 * mesh.radius + 1e-30)
+    share /= share.sum(axis=1, keepdims=True)
+    coefficients, ambient = indirect.coefficients.copy(), indirect.ambient.copy()
+    coefficients[missing] = np.einsum("nk,nkbc->nbc", share, indirect.coefficients[~missing][nearest])
+    ambient[missing] = np.einsum("nk,nkc->nc", share, indirect.ambient[~missing][nearest])
+    status = health.status.copy()
+    status[missing] = Status.FALLBACK
+    return replace(indirect, coefficients=coefficients, ambient=ambient), replace(health, status=status)
+
+
+def light_anchors(observed: Observations) -> Float64[np.ndarray, "light 3"]:
+    """The photographed directions to the lights, seen from the scene's middle."""
+    directions = [
+        light.incident(np.zeros((1, 3)))[0][0] for each in observed.lights for light in each if np.any(light.power > 0)
+    ]
+    return np.array(directions, np.float64).reshape(-1, 3)
+
+
+def _spacing(anchors: np.ndarray) -> float:
+    """How far a light may be from the photographed ones and still count as between them: the usual gap, at least 10 degrees."""
+    if len(anchors) < 2:
+        return float(np.radians(10))
+    cosine = np.clip(anchors @ anchors.T, -1, 1)
+    np.fill_diagonal(cosine, -1.0)
+    return float(max(np.radians(10), np.median(np.arccos(cosine.max(axis=1)))))

@@ -1,0 +1,287 @@
+"""Glossy surfaces and their lobes: sections 1.1.2 and 1.2.3, eq. (4), Wu et al. 2004.
+
+A surface is glossy when photographs are brighter than its diffuse and indirect fits predict, near the mirror direction
+and by more than its own misfit elsewhere. Then lobes are fitted to what is left, one by one, and each is kept only when
+photographs left out of its fit are predicted better: an exactly diffuse surface ends with no lobe, not a tiny one.
+
+The fit sees radiance on a compressed scale, asinh(radiance / white), since peaks are 10 to 500 times white (trap 14);
+exponents and colours are fitted as logarithms within bounds, from several starts (trap 8).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from relight3d.errors import InputError
+from relight3d.maths.lafortune import lobe_energy
+from relight3d.maths.least_squares import BoundedFit, Status, fit_bounded, robust_scale
+from relight3d.records import Lobe
+from relight3d.shading import lobe_brdf
+
+MAX_EXPONENT = 1e4
+MAX_ENERGY = 1.0
+
+
+@dataclass(frozen=True)
+class SpecularOptions:
+    """How many lobes a surface may have and what one must earn."""
+
+    max_lobes: int = 3
+    min_gain_db: float = 0.15  # of the left-out photographs' compressed error, for a lobe to be kept
+    excess_sigmas: float = 4.0  # brighter than predicted by so many of the surface's own scatters is glossy
+    num_samples: int = 6000  # (photograph, pixel) samples of a surface that enter the fit
+    num_folds: int = 3
+    kinds: tuple[str, ...] = ("isotropic", "anisotropic", "retro")
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.max_lobes <= 3:
+            raise InputError("specular.max_lobes", self.max_lobes, "0 to 3")
+
+
+@dataclass(frozen=True, eq=False)
+class LobeSamples:
+    """Samples of one surface where the light is seen: geometry, light, what is measured and what is explained."""
+
+    photo: np.ndarray  # which photograph each sample is of
+    normal: Float64[np.ndarray, "sample 3"]
+    to_light: Float64[np.ndarray, "sample 3"]
+    to_viewer: Float64[np.ndarray, "sample 3"]
+    form: Float64[np.ndarray, "sample color"]
+    measured: Float64[np.ndarray, "sample 3"]
+    explained: Float64[np.ndarray, "sample 3"]  # diffuse + indirect
+    weight: Float64[np.ndarray, " sample"]
+
+    def take(self, index: np.ndarray) -> "LobeSamples":
+        """The samples of an index or mask."""
+        return LobeSamples(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+
+
+def mirror_cosine(samples: LobeSamples) -> np.ndarray:
+    """Cosine between the viewer and the light's mirror direction, at each sample."""
+    n_l = np.einsum("si,si->s", samples.normal, samples.to_light)
+    n_v = np.einsum("si,si->s", samples.normal, samples.to_viewer)
+    return 2 * n_l * n_v - np.einsum("si,si->s", samples.to_light, samples.to_viewer)
+
+
+def glossy_excess(samples: LobeSamples, white: float) -> tuple[float, float]:
+    """How much brighter than predicted the surface is near the mirror direction, in its own scatters; and that scatter.
+
+    The scatter is the robust one of the misfit more than 40 degrees away from the mirror direction: it follows the
+    photographs' noise and the fits' own errors, so there is no constant to tune (1.1.2).
+    """
+    misfit = (_compress(samples.measured, white) - _compress(samples.explained, white)).mean(axis=1)
+    cosine = mirror_cosine(samples)
+    near, far = cosine > np.cos(np.radians(12)), cosine < np.cos(np.radians(40))
+    if near.sum() < 10 or far.sum() < 10:
+        near = cosine >= np.quantile(cosine, 0.9) if len(cosine) else near
+        far = ~near
+    if near.sum() < 10 or far.sum() < 10:
+        return 0.0, 0.0
+    scatter = max(float(robust_scale(misfit[far] - np.median(misfit[far]))), 1e-4)
+    return float((np.median(misfit[near]) - np.median(misfit[far])) / scatter), scatter
+
+
+def fit_lobes(
+    samples: LobeSamples, white: float, tangent: Float64[np.ndarray, "3"], options: SpecularOptions
+) -> tuple[tuple[Lobe, ...], BoundedFit | None, float]:
+    """The lobes that left-out photographs ask for, the last fit, and the gain in dB on those photographs.
+
+    Lobes are picked one by one from a dictionary of shapes, for which the colours are a linear least squares; each
+    further one must make left-out photographs better. Then all are fitted together, shapes and colours. Energy above 1
+    is scaled down to 1: a lobe may concentrate light, not make it.
+    """
+    if len(samples.photo) < 30 or options.max_lobes == 0:
+        return (), None, 0.0
+    folds = _folds(np.unique(samples.photo), samples, options.num_folds)
+    atoms = _atoms(options.kinds, tangent)
+    shapes = np.stack(
+        [
+            lobe_brdf((_lobe(k, x, tangent),), samples.normal, samples.to_light, samples.to_viewer)[:, 0]
+            for k, x in atoms
+        ]
+    )
+    systems = [_normal_system(samples, shapes, white, ~is_out) for is_out in folds]
+    whole = _normal_system(samples, shapes, white, np.ones(len(samples.photo), bool))
+    chosen: list[int] = []
+    best_error = sum(_held_out(samples, shapes, white, [], None, is_out) for is_out in folds)
+    none = best_error
+    for _ in range(options.max_lobes):
+        errors = np.full(len(atoms), np.inf)
+        order = _promising(whole, chosen, 14)
+        for atom in order:
+            trial = [*chosen, atom]
+            errors[atom] = sum(
+                _held_out(samples, shapes, white, trial, _colors(system, trial), is_out)
+                for system, is_out in zip(systems, folds, strict=True)
+            )
+        winner = int(np.argmin(errors))
+        if 10 * np.log10(best_error / max(errors[winner], 1e-30)) < options.min_gain_db:
+            break
+        chosen.append(winner)
+        best_error = errors[winner]
+    if not chosen:
+        return (), None, 0.0
+    colors = _colors(whole, chosen)
+    kept = []
+    for atom, color in zip(chosen, colors, strict=True):
+        kind, x = atoms[atom]
+        x = x.copy()
+        x[2:5] = np.log(np.clip(color, 1e-5, 1e3))
+        kept.append((kind, x))
+    kept, last = _refined(samples, white, tangent, kept)
+    lobes = tuple(_lobe(kind, parameters, tangent) for kind, parameters in kept)
+    return _within_energy(lobes), last, float(10 * np.log10(none / max(best_error, 1e-30)))
+
+
+def _atoms(kinds: tuple[str, ...], tangent: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """The dictionary: exponents a factor 1.6 apart, a few ratios of c_x to c_z, each kind that is asked for."""
+    atoms = []
+    for exponent in 1.6 ** np.arange(2, 20):
+        for ratio in (-0.12, -0.05, 0.0, 0.05) if "isotropic" in kinds else ():
+            atoms.append(("isotropic", np.array([np.log(exponent), ratio, 0, 0, 0])))
+    for exponent in 2.0 ** np.arange(1, 9) if "retro" in kinds else ():
+        atoms.append(("retro", np.array([np.log(exponent), 0.0, 0, 0, 0])))
+    for exponent in 2.0 ** np.arange(3, 10) if "anisotropic" in kinds else ():
+        for turn in (0.0, np.pi / 4, np.pi / 2, -np.pi / 4):
+            atoms.append(("anisotropic", np.array([np.log(exponent), 0.0, 0, 0, 0, -0.15, turn])))
+    return atoms
+
+
+def _normal_system(samples: LobeSamples, shapes: np.ndarray, white: float, mask: np.ndarray) -> tuple:
+    """Gram matrix and moments of the dictionary, weighed by the slope of the compressed scale; one per colour."""
+    grams, moments = [], []
+    for color in range(3):
+        form = samples.form[mask, min(color, samples.form.shape[1] - 1)]
+        calm = samples.weight[mask] / (samples.measured[mask, color] ** 2 + white**2)
+        rows = shapes[:, mask] * form
+        left = samples.measured[mask, color] - samples.explained[mask, color]
+        grams.append((rows * calm) @ rows.T)
+        moments.append((rows * calm) @ left)
+    return np.stack(grams), np.stack(moments)
+
+
+def _colors(system: tuple, chosen: list[int]) -> np.ndarray:
+    """Colours of the chosen atoms (lobe, 3): non-negative least squares."""
+    from scipy.optimize import nnls
+
+    grams, moments = system
+    colors = np.zeros((len(chosen), 3))
+    for color in range(3):
+        gram = grams[color][np.ix_(chosen, chosen)] + 1e-9 * np.trace(grams[color]) / len(grams[color]) * np.eye(
+            len(chosen)
+        )
+        root = np.linalg.cholesky(gram + 1e-12 * np.eye(len(chosen)))
+        colors[:, color] = nnls(root.T, np.linalg.solve(root, moments[color][chosen]))[0]
+    return colors
+
+
+def _promising(system: tuple, chosen: list[int], count: int) -> np.ndarray:
+    """The atoms that would lower the fitted photographs' error most, given those chosen."""
+    grams, moments = system
+    colors = _colors(system, chosen) if chosen else np.zeros((0, 3))
+    gain = np.zeros(grams.shape[1])
+    for color in range(3):
+        left = moments[color] - grams[color][:, chosen] @ colors[:, color]
+        gain += np.maximum(left, 0.0) ** 2 / np.maximum(np.diag(grams[color]), 1e-30)
+    gain[chosen] = -1.0
+    return np.argsort(gain)[::-1][:count]
+
+
+def _held_out(samples, shapes, white, chosen, colors, is_out) -> float:
+    """Huber's error of the left-out samples on the compressed scale."""
+    model = samples.explained[is_out].copy()
+    for row, atom in enumerate(chosen):
+        model += shapes[atom, is_out][:, None] * samples.form[is_out] * colors[row]
+    miss = np.abs(_compress(model, white) - _compress(samples.measured[is_out], white))
+    # A few pixels of an unmodelled blocker must not decide about a lobe.
+    loss = np.where(miss < 0.15, 0.5 * miss**2, 0.15 * (miss - 0.075))
+    return float((samples.weight[is_out][:, None] * loss).sum())
+
+
+def _folds(photos: np.ndarray, samples: LobeSamples, num_folds: int) -> list[np.ndarray]:
+    """Left-out photographs: every num_folds-th by their share of highlight, so that each fold has some of it."""
+    cosine = mirror_cosine(samples)
+    share = [np.sum(cosine[samples.photo == p] > 0.94) for p in photos]
+    order = photos[np.argsort(share, kind="stable")]
+    num_folds = min(num_folds, len(photos))
+    if num_folds < 2:  # one photograph: its pixels are split instead
+        halves = np.arange(len(samples.photo)) % 2 == 0
+        return [halves, ~halves]
+    return [np.isin(samples.photo, order[k::num_folds]) for k in range(num_folds)]
+
+
+_BOUNDS = {  # log exponent, log |c_x / c_z| (and |c_y / c_z|), log colour (three)
+    "isotropic": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
+    "retro": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
+    "anisotropic": ([0.0, -0.7, -12, -12, -12, -0.7, -1.6], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9, 0.7, 1.6]),
+}
+
+
+def _lobe(kind: str, x: np.ndarray, tangent: np.ndarray) -> Lobe:
+    ratio_x = np.exp(x[1])
+    ratio_y = np.exp(x[5]) if kind == "anisotropic" else ratio_x
+    sign = 1.0 if kind == "retro" else -1.0
+    axes = np.array([sign * ratio_x, sign * ratio_y, 1.0])
+    axes = axes / np.abs(axes).max()
+    along = np.zeros(3)
+    if kind == "anisotropic":
+        other = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
+        along = np.cos(x[6]) * tangent + np.sin(x[6]) * other / max(np.linalg.norm(other), 1e-12)
+    return Lobe(np.exp(x[2:5]), axes, float(np.exp(x[0])), along)
+
+
+def _refined(samples, white, tangent, kept) -> tuple[list, BoundedFit]:
+    """Shapes and colours of all lobes fitted together, from where the dictionary left them."""
+    kinds = [kind for kind, _ in kept]
+    lower = np.concatenate([np.array(_BOUNDS[k][0]) for k in kinds])
+    upper = np.concatenate([np.array(_BOUNDS[k][1]) for k in kinds])
+    sizes = np.cumsum([len(_BOUNDS[k][0]) for k in kinds])[:-1]
+    measured = _compress(samples.measured, white)
+    root = np.sqrt(samples.weight)[:, None]
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        lobes = tuple(_lobe(k, part, tangent) for k, part in zip(kinds, np.split(x, sizes), strict=True))
+        return ((_compress(_model(samples, lobes), white) - measured) * root).ravel()
+
+    start = np.concatenate([x for _, x in kept])
+    fit = fit_bounded(residual, [start], lower, upper, loss_scale=0.05, max_evaluations=15)
+    return list(zip(kinds, np.split(fit.value, sizes), strict=True)), fit
+
+
+def _model(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> np.ndarray:
+    brdf = lobe_brdf(lobes, samples.normal, samples.to_light, samples.to_viewer)
+    return samples.explained + brdf * samples.form
+
+
+def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
+    return np.arcsinh(np.asarray(radiance, np.float64) / white)
+
+
+def _within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
+    """Lobes scaled so that none sends back more than it gets, for any viewer and colour."""
+    limited = []
+    for lobe in lobes:
+        excess = float(lobe.color.max()) * lobe_energy(np.asarray(lobe.axes), lobe.exponent) / MAX_ENERGY
+        limited.append(Lobe(lobe.color / max(excess, 1.0), lobe.axes, lobe.exponent, lobe.tangent))
+    return tuple(limited)
+
+
+def status_of(fit: BoundedFit | None) -> tuple[Status, int, float]:
+    """Status, rank and condition of a lobe fit; no fit is NO_DATA, and its fallback is no lobe."""
+    return (fit.status, fit.rank, fit.condition) if fit else (Status.NO_DATA, 0, np.inf)
+
+
+def specular_radiance(
+    lobes: tuple[Lobe, ...],
+    normal: Float32[np.ndarray, "point 3"],
+    to_light: Float32[np.ndarray, "point 3"],
+    to_viewer: Float32[np.ndarray, "point 3"],
+    form: Float32[np.ndarray, "point color"],
+) -> Float32[np.ndarray, "point 3"]:
+    """The lobes' radiance where the light is seen; points in shadow cost nothing."""
+    out = np.zeros((len(normal), 3), np.float32)
+    lit = np.flatnonzero(form.max(axis=1) > 0)
+    if lobes and len(lit):
+        out[lit] = lobe_brdf(lobes, normal[lit], to_light[lit], to_viewer[lit]) * form[lit]
+    return out

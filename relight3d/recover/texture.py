@@ -1,0 +1,157 @@
+"""Textured surfaces and their de-lit texture: sections 1.1.1 and 1.2.2, eq. (2) and (3), Wu et al. 2004.
+
+A surface is textured when neighbouring pixels differ strongly and by the same factor in every photograph: a factor that
+changes with the light is relief, not texture. The de-lit texture is per pixel: by default from the same least squares
+as everything else (diffuse.pixel_albedo); `reciprocal_texture` is the paper's eq. (2), linear in the reciprocals.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from relight3d.camera import Camera
+from relight3d.errors import InputError
+from relight3d.maths.least_squares import Solution, Status
+from relight3d.records import Observations, ShadingPoints
+
+
+@dataclass(frozen=True)
+class TextureOptions:
+    """When a surface counts as textured, and how its texture is found."""
+
+    min_difference: float = 0.06  # between neighbours, as a factor: what a texture must show somewhere
+    min_share: float = 0.02  # of the pixels at least must show it
+    min_spread: float = 0.10  # or the albedo must vary by so much (relative) over the surface as a whole
+    method: str = "alternating"  # or "reciprocal": eq. (2)
+
+    def __post_init__(self) -> None:
+        if self.method not in ("alternating", "reciprocal"):
+            raise InputError("texture.method", self.method, "alternating or reciprocal")
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """The difference measure of one surface (1.1.1)."""
+
+    share: float  # of neighbouring pairs that differ by more than the threshold, the same way in all photographs
+    typical: float  # the 98th percentile of their common difference, as a logarithm
+    spread: float  # robust relative spread of albedo over the surface
+
+    def is_textured(self, options: TextureOptions) -> bool:
+        """Whether neighbours differ often and strongly enough."""
+        strong = self.share >= options.min_share and self.typical >= options.min_difference
+        return strong or self.spread >= options.min_spread
+
+
+def difference_measure(
+    observed: Observations,
+    points: ShadingPoints,
+    surface: Int32[np.ndarray, " point"],
+    albedo: Float32[np.ndarray, "point 3"],
+    camera: Camera,
+    num_surfaces: int,
+    options: TextureOptions,
+) -> list[Difference]:
+    """How strongly neighbouring pixels of each surface differ in every photograph alike.
+
+    For a pair of neighbours, the logarithm of the ratio of their radiance over its photographs: the mean is what they
+    differ by as materials, the scatter what the light makes of their relief; the mean counts beyond 3 standard errors.
+    """
+    grid = np.full(camera.num_pixels, -1, np.int64)
+    grid[points.pixel] = np.arange(len(points))
+    grid = grid.reshape(camera.height, camera.width)
+    left = np.concatenate([grid[:, :-2].ravel(), grid[:-2].ravel()])
+    right = np.concatenate([grid[:, 2:].ravel(), grid[2:].ravel()])
+    alike = (left >= 0) & (right >= 0) & (surface[left] == surface[right])
+    left, right = left[alike], right[alike]
+    flat = np.einsum("pi,pi->p", points.normal[left], points.normal[right]) > 0.99
+    left, right = left[flat], right[flat]
+    good = observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
+    count, total, square = (np.zeros(len(left)) for _ in range(3))
+    for photo in range(len(good)):
+        gray = np.log(np.maximum(observed.radiance[photo].mean(axis=1), 1e-6))
+        form = np.log(np.maximum(observed.form[photo].mean(axis=1), 1e-6))
+        both = good[photo][left] & good[photo][right]
+        ratio = np.where(both, (gray - form)[left] - (gray - form)[right], 0.0)
+        count, total, square = count + both, total + ratio, square + ratio**2
+    mean = total / np.maximum(count, 1)
+    scatter = np.sqrt(np.maximum(square / np.maximum(count, 1) - mean**2, 0) / np.maximum(count - 1, 1))
+    common = np.where(count >= 2, np.maximum(np.abs(mean) - 3 * scatter, 0.0), 0.0)
+    return [
+        _difference(common[(surface[left] == s) & (count >= 2)], albedo[surface == s], options)
+        for s in range(num_surfaces)
+    ]
+
+
+def _difference(common: np.ndarray, albedo: np.ndarray, options: TextureOptions) -> Difference:
+    gray = albedo.mean(axis=1)
+    gray = gray[gray > 0]
+    if len(common) < 20 or len(gray) < 20:
+        return Difference(0.0, 0.0, 0.0)
+    low, middle, high = np.quantile(gray, (0.16, 0.5, 0.84))
+    spread = (high - low) / 2 / max(middle, 1e-9)
+    return Difference(float((common > options.min_difference).mean()), float(np.quantile(common, 0.98)), float(spread))
+
+
+def reciprocal_texture(
+    radiance: Float64[np.ndarray, "photo pixel"], direct: Float64[np.ndarray, "photo pixel"]
+) -> Solution:
+    """Albedos of pixels that share one indirect light, eq. (2): linear in 1 / albedo, one face and one colour.
+
+    I_i / k_i - I_1 / k_1 = w_i - w_1 over all photographs, I being pi * radiance and w the direct irradiance. `value`
+    is (pixel, 1, 1) of albedos. Where every right side is zero (a flat face under a distant light, trap 7) only the
+    ratios are fixed: the status is RANK_DEFICIENT, the ratios are right, and the largest albedo is 1 until a scale is
+    found elsewhere (eq. 1). Pixels equal in every photograph come out equal.
+    """
+    radiance, direct = np.asarray(radiance, np.float64) * np.pi, np.asarray(direct, np.float64)
+    num_photos, num_pixels = radiance.shape
+    condition = np.inf
+    usable = np.isfinite(radiance).all() and np.isfinite(direct).all() and (radiance > 0).any()
+    if not usable or num_pixels < 2:
+        return _texture_solution(np.zeros(num_pixels), Status.NO_DATA, 0, np.inf, 0.0)
+    # Eliminating the shared indirect light is subtracting each photograph's mean over the pixels.
+    center = np.eye(num_pixels) - 1.0 / num_pixels
+    matrix = np.concatenate([center * row for row in radiance])
+    side = (direct - direct.mean(axis=1, keepdims=True)).ravel()
+    size = np.linalg.norm(matrix)
+    u, s, vt = np.linalg.svd(matrix / size, full_matrices=False)
+    if np.linalg.norm(side) <= 1e-9 * max(np.linalg.norm(direct), 1e-30):
+        # Homogeneous: the reciprocals are the null vector, known up to a scale.
+        null = vt[-1] if np.abs(vt[-1].sum()) > 0 else np.ones(num_pixels)
+        reciprocal = np.abs(null)
+        status, rank = Status.RANK_DEFICIENT, num_pixels - 1
+        albedo = 1.0 / np.maximum(reciprocal, 1e-12 * reciprocal.max())
+        return _texture_solution(albedo / albedo.max(), status, rank, condition, float(s[-1]))
+    keep = s > 2 * np.finfo(np.float64).eps * max(matrix.shape) * s[0]
+    reciprocal = vt.T @ (np.where(keep, 1 / np.where(keep, s, 1.0), 0.0) * (u.T @ side)) / size
+    rank = int(keep.sum())
+    condition = float(s[0] / s[-1]) if rank == num_pixels else np.inf
+    status = Status.OK if rank == num_pixels and (reciprocal > 0).all() else Status.RANK_DEFICIENT
+    albedo = np.where(reciprocal > 0, 1.0 / np.maximum(reciprocal, 1e-12), 0.0)
+    miss = float(np.sqrt(np.mean((matrix @ reciprocal - side) ** 2)))
+    return _texture_solution(albedo, status, rank, condition, miss)
+
+
+def _texture_solution(albedo: np.ndarray, status: Status, rank: int, condition: float, miss: float) -> Solution:
+    num = len(albedo)
+    return Solution(
+        albedo.reshape(num, 1, 1),
+        np.full(num, status, np.int8),
+        np.full(num, rank, np.int32),
+        np.full(num, condition),
+        np.full(num, miss),
+    )
+
+
+def texture_free_mean(
+    radiance: Float64[np.ndarray, "photo pixel"], albedo: Float64[np.ndarray, " pixel"]
+) -> Float64[np.ndarray, " photo"]:
+    """A face's radiance as if its texture were its mean, eq. (3): sum of radiance over sum of albedo, times the mean albedo.
+
+    0 where no pixel has an albedo.
+    """
+    total = float(albedo.sum())
+    if total <= 0:
+        return np.zeros(len(radiance))
+    return radiance.sum(axis=1) / total * float(albedo.mean())
