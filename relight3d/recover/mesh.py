@@ -1,6 +1,6 @@
 """From a mesh as a file gives it to one that can be traced and fitted: clean, coherent, evenly subdivided."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float64, Int32
@@ -53,28 +53,26 @@ def prepare_mesh(mesh: TriangleMesh, options: MeshOptions = MeshOptions()) -> Pa
     shading = shading_vertices(clean, mesh, np.deg2rad(options.crease_angle_deg))
     faces, source = split_non_manifold(shading.faces)
     vertex_in, normals = shading.vertex_in[source], shading.normals[source]
-    plan = _SplitPlan(
-        target_faces=options.target_faces,
-        max_edge=np.inf if options.max_edge_length is None else options.max_edge_length / clean.scale,
-        max_faces=options.max_faces,
-    )
-    cut = _cut(clean.points[vertex_in], faces, plan)
-    report = _report(mesh, clean, shading, plan, len(cut.faces))
+    max_edge = np.inf if options.max_edge_length is None else options.max_edge_length / clean.scale
+    plan = _SplitPlan(options.target_faces, max_edge, options.max_faces)
+    points = clean.points[vertex_in]
+    cut = _cut(points, faces, plan, options.target_faces)
+    longest = clean.scale * _longest_edge(points, faces), clean.scale * _longest_edge(cut.points, cut.faces)
+    report = _report(mesh, clean, shading, longest, len(cut.faces), options)
     return _assemble(mesh, clean, vertex_in, normals[faces], cut, report)
 
 
+@dataclass(frozen=True)
 class _SplitPlan:
-    """Which edges the next pass splits: the longest, so that faces even out, and no more than are wanted."""
+    """Which edges a pass splits: the longest, so that faces even out, and no more than are wanted. Unit frame."""
 
-    def __init__(self, target_faces: int, max_edge: float, max_faces: int) -> None:
-        self.target_faces, self.max_edge, self.max_faces = target_faces, max_edge, max_faces
-        self.longest: list[float] = []  # before each pass, and at the end
-        self.is_stopped = False
+    target_faces: int
+    max_edge: float
+    max_faces: int
 
     def next_threshold(self, lengths: Float64[np.ndarray, "face 3"]) -> float | None:
         """Edges longer than this are halved; None: enough."""
         num_faces, longest = len(lengths), float(lengths.max())
-        self.longest.append(longest)
         # Halving all above half the longest: after it nothing is much longer than half. Equal edges, told apart by
         # rounding only, must share one fate, hence the margins.
         half = longest / 2 * (1 + 1e-6)
@@ -86,24 +84,23 @@ class _SplitPlan:
         if longest <= self.max_edge:
             return None
         threshold = max(half, self.max_edge)
-        self.is_stopped = num_faces + int((lengths > threshold).sum()) > self.max_faces
-        return None if self.is_stopped else threshold
+        return threshold if num_faces + int((lengths > threshold).sum()) <= self.max_faces else None
 
 
-def _cut(points: Float64[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"], plan: _SplitPlan) -> Subdivision:
+def _cut(
+    points: Float64[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"], plan: _SplitPlan, wanted: int
+) -> Subdivision:
     """Subdivide, and again finer where too few parts are left: of parts that coincide only the first stays.
 
     They do where faces of different size overlap in one plane.
     """
-    wanted = plan.target_faces
-    while True:
-        cut = subdivide(points, faces, plan.next_threshold)
-        is_repeated = repeated_faces(first_equal_row(cut.points)[cut.faces])
-        num_kept = int((~is_repeated).sum())
-        if num_kept >= wanted:
-            break
-        plan.target_faces = int(plan.target_faces * 1.1 * wanted / num_kept)
-    if num_kept == len(cut.faces):
+    cut = subdivide(points, faces, plan.next_threshold)
+    is_repeated = repeated_faces(first_equal_row(cut.points)[cut.faces])
+    num_kept = int((~is_repeated).sum())
+    if num_kept < wanted:
+        finer = replace(plan, target_faces=int(1.1 * plan.target_faces * wanted / num_kept))
+        return _cut(points, faces, finer, wanted)
+    if not is_repeated.any():
         return cut
     used, kept = np.unique(cut.faces[~is_repeated], return_inverse=True)
     return Subdivision(
@@ -158,9 +155,20 @@ def _unit(vectors: Float[np.ndarray, "*axes 3"], otherwise: Float[np.ndarray, "*
     return near_unit if otherwise is None else np.where(length > 1e-3, near_unit, otherwise)
 
 
+def _longest_edge(points: Float64[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"]) -> float:
+    place = points[faces]
+    return float(np.linalg.norm(np.roll(place, -1, axis=1) - place, axis=2).max())
+
+
 def _report(
-    mesh: TriangleMesh, clean: CleanFaces, shading: ShadingVertices, plan: _SplitPlan, num_faces: int
+    mesh: TriangleMesh,
+    clean: CleanFaces,
+    shading: ShadingVertices,
+    longest: tuple[float, float],
+    num_faces: int,
+    options: MeshOptions,
 ) -> MeshReport:
+    """What was done. `longest` is the longest edge before and after subdivision."""
     edges = shared_edges(clean.faces)
     counts = {
         **clean.changes,
@@ -175,9 +183,9 @@ def _report(
         notes.append(f"vertex normals computed: {len(shading.vertex_in)} vertices after splitting at creases")
     if edges.num_non_manifold:
         notes.append(f"{edges.num_non_manifold} edges have three faces or more: faces kept, vertices split there")
-    if len(plan.longest) > 1:
-        first, last = plan.longest[0] * clean.scale, plan.longest[-1] * clean.scale
-        notes.append(f"{len(clean.parent)} faces cut into {num_faces}: longest edge {first:.4g} to {last:.4g}")
-    if plan.is_stopped:
-        notes.append(f"max_edge_length is not reached: it needs more than {plan.max_faces} faces (max_faces)")
+    if counts["faces_added"]:
+        lengths = f"longest edge {longest[0]:.4g} to {longest[1]:.4g}"
+        notes.append(f"{len(clean.parent)} faces cut into {num_faces}: {lengths}")
+    if longest[1] > (options.max_edge_length or np.inf):
+        notes.append(f"max_edge_length is not reached: it needs more than {options.max_faces} faces (max_faces)")
     return MeshReport(len(mesh.faces), num_faces, {k: v for k, v in counts.items() if v}, tuple(notes))

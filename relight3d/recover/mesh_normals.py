@@ -94,6 +94,6 @@ def _fan_normals(
     weight = corner_angles(clean.points, faces)
     total = np.stack([np.bincount(fan.ravel(), (weight * normals[:, None, k]).ravel()) for k in range(3)], axis=1)
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    mean = (total / np.where(length > 0, length, 1.0))[fan]
-    has_mean = (length > 1e-3)[fan]
-    return fan, np.where(has_mean, mean, normals[:, None, :])
+    has_mean = length > 1e-3 * np.bincount(fan.ravel(), weight.ravel())[:, None]
+    mean = total / np.where(has_mean, length, 1.0)
+    return fan, np.where(has_mean[fan], mean[fan], normals[:, None, :])
