@@ -62,7 +62,9 @@ def units(under: Under, direct: np.ndarray) -> dict:
         ratios[thing.name] = round(float(np.median(ratio)), 6)
         if thing.material.kind in ("diffuse", "textured"):
             lambertian.append(ratio.ravel())
-    return {"diffuse": round(float(np.median(np.concatenate(lambertian))), 6), **ratios}
+    if lambertian:  # a very small picture may have no such pixel
+        ratios["diffuse"] = round(float(np.median(np.concatenate(lambertian))), 6)
+    return ratios
 
 
 def registration_px(under: Under, direct: np.ndarray) -> list[float]:

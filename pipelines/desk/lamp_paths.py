@@ -17,6 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 ROULETTE_FROM = 3
+FAR_M = 1e6
 LIFT_M = 1e-4  # a reflection's shadow ray starts this far in front of the mirror
 
 
@@ -71,12 +72,8 @@ class LampPaths(mi.SamplingIntegrator):
         active = active & (dr.abs(dr.dot(hit, self.axis_v)) < self.mirror.half_v)
         lifted = self.middle + hit + LIFT_M * self.normal
         active = active & (scene.ray_test(si.spawn_ray_to(lifted), active) == False)  # noqa: E712  (scalar: a bool)
-        last = si.spawn_ray_to(lifted)
-        last.o = lifted
-        if self.is_point:
-            last.d, last.maxt = self.lamp - lifted, 1.0
-        else:
-            last.d, last.maxt = mi.Vector3f(self.lamp), dr.largest(mi.Float)
+        to_lamp = self.lamp - lifted if self.is_point else mi.Vector3f(self.lamp)
+        last = mi.Ray3f(lifted, to_lamp, 1.0 if self.is_point else FAR_M, si.time, si.wavelengths)
         active = active & (scene.ray_test(last, active) == False)  # noqa: E712
         value = bsdf.eval(mi.BSDFContext(), si, si.to_local(to_image), active)
         return dr.select(active, value * self.reflectance / squared, 0.0)

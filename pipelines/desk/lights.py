@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from desk.settings import LampSettings, Wall
 
 TINTS = ((1.0, 1.0, 1.0), (1.0, 0.93, 0.82), (0.86, 0.95, 1.08))  # most frames are white, some warm, some cool
+CLEARANCE_M = 0.6
 RED, WHITE = (1.0, 0.12, 0.10), (1.0, 1.0, 1.0)
 
 
@@ -34,6 +35,17 @@ def blocked(points: np.ndarray, lamps: np.ndarray, is_point: bool, walls: tuple[
             inside = (np.abs(offset @ half_u) <= half_u @ half_u) & (np.abs(offset @ half_v) <= half_v @ half_v)
             is_blocked[i] |= bool((inside & (distance > 0) & (distance < (1.0 if is_point else np.inf))).any())
     return is_blocked
+
+
+def near_walls(places: np.ndarray, walls: tuple[Wall, ...]) -> np.ndarray:
+    """Whether each point lamp is close enough to a wall to make a burning spot of noise there."""
+    is_near = np.zeros(len(places), bool)
+    for wall in walls:
+        halves = np.array([wall.half_u, wall.half_v], float)
+        along = (places - wall.middle) @ halves.T / (halves**2).sum(1)
+        nearest = np.clip(along, -1, 1) @ halves + wall.middle
+        is_near |= np.linalg.norm(places - nearest, axis=1) < CLEARANCE_M
+    return is_near
 
 
 def cap_directions(count: int, lowest_deg: float, highest_deg: float) -> np.ndarray:
@@ -65,6 +77,8 @@ def place_lamps(
     distances = rng.uniform(*settings.distances_m, len(directions)) if is_point else np.ones(len(directions))
     sparse = np.union1d(ConvexHull(mesh_points).vertices, np.arange(0, len(mesh_points), 16))
     is_free = ~blocked(mesh_points[sparse], directions * distances[:, None], is_point, walls)
+    if is_point:
+        is_free &= ~near_walls(directions * distances[:, None], walls)
     directions, distances = directions[is_free], distances[is_free]
     first = directions[rng.integers(len(directions))]
     train = [first, *farthest(directions, [first], settings.num_train - 1)]

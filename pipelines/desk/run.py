@@ -66,7 +66,7 @@ def plan_shots(settings: SceneSettings, train: list[Lamp], test: list[Lamp]) -> 
         both = power(red, np.array(RED) * strength), power(white, np.array(WHITE) * 0.6 * strength)
         shots.append(Shot(f"pair_{i:02d}", "test", "two_lights", 0.0, both))
     for i, turn_deg in enumerate(settings.lamps.new_view_turns_deg):
-        lamp = test[(2 * i + 1) % len(test)]
+        lamp = test[(-3 - 2 * i) % len(test)]
         shots.append(Shot(f"view_{i:02d}", "test", "new_view", turn_deg, (power(lamp, held_out[lamp]),)))
     return shots
 
@@ -122,7 +122,8 @@ def write_truth(job: Job) -> dict:
         folder.write_exr(job.out / f"truth/{name}.exr", pixels)
     surfaces = {i: {"name": thing.name, **asdict(thing.material)} for i, thing in enumerate(job.settings.things)}
     folder.write_json(job.out / "truth/surfaces.json", surfaces)
-    for shot in tests[:2] + job.shots_of("new_view", "test")[:1]:
+    parted = {tests[0].name, max(tests[1:], key=lambda shot: compose(job, shot, job.passes, "thrown").sum()).name}
+    for shot in [shot for shot in tests if shot.name in parted] + job.shots_of("new_view", "test")[:1]:
         for part in ("direct", "thrown"):
             folder.write_exr(job.out / f"truth/{part}/{shot.name}.exr", compose(job, shot, job.passes, part))
     units, registration = {}, {}
@@ -130,7 +131,7 @@ def write_truth(job: Job) -> dict:
         ((lamp, color),) = shot.lamps
         is_lit = truth.measure_is_lit(scene, known, lamp)
         folder.write_png(job.out / f"truth/is_lit/{shot.name}.png", is_lit.astype(np.uint8) * 255)
-        if shot in tests[:2]:
+        if shot.name in parted:
             under = checks.Under(job.settings, known, is_lit, lamp, np.array(color), camera[:3, 3])
             direct = folder.read_exr(job.out / f"truth/direct/{shot.name}.exr")
             units[shot.name] = checks.units(under, direct)

@@ -85,8 +85,8 @@ class SceneSettings:
     view: View
     lamps: LampSettings = field(default_factory=LampSettings)
     relief: Relief = field(default_factory=Relief)
-    samples: int = 512  # per pixel, of each lamp alone
-    ambient_samples: int = 4096  # of the lights-off picture, which is in every photograph
+    samples: int = 448  # per pixel, of each lamp alone
+    ambient_samples: int = 1536  # of the lights-off picture, which is in every photograph
     chunk: int = 64  # samples of one resumable step
     max_depth: int = 8  # surfaces on a path
     seed: int = 1
@@ -156,18 +156,18 @@ POINTS = SceneSettings(
         Thing("mirror", "panel_front", (0.33, 0.25, -0.001), (0.40, 0.014, 0.30), -32, 7,
               Material("mirror", mirror_reflectance=(0.82, 0.80, 0.74))),
         Thing("mirror_back", "panel_back", (0.33, 0.25, -0.001), (0.40, 0.014, 0.30), -32, 4, DARK_BACK),
-        Thing("block", "box", (-0.31, -0.21, -0.001), (0.13, 0.09, 0.09), 10, 7,
+        Thing("block", "box", (-0.24, -0.19, -0.001), (0.13, 0.09, 0.09), 10, 7,
               Material("diffuse", (0.20, 0.52, 0.22))),
     ),
-    ROOM, View((0.05, -0.95, 0.95), (0.0, 0.02, 0.04), 320, 240, 470.0),
+    ROOM, View((0.05, -0.95, 0.95), (0.02, 0.04, 0.05), 320, 240, 450.0),
     lamps=LampSettings(kind="point", num_train=16, num_test=6, seed=23, num_two_lights=1),
-    relief=Relief(seed=8), samples=256, ambient_samples=4096, seed=2,
+    relief=Relief(seed=8), samples=256, ambient_samples=1024, seed=2,
 )  # fmt: skip
 
 PLAIN = SceneSettings(
     "plain",
     (
-        Thing("ball", "sphere", (-0.17, 0.0, 0.0), (0.28, 0.28, 0.28), 0, 52, Material("diffuse", (0.60, 0.35, 0.22))),
+        Thing("ball", "sphere", (-0.17, 0.0, 0.0), (0.28, 0.28, 0.28), 0, 96, Material("diffuse", (0.60, 0.35, 0.22))),
         Thing("box", "box", (0.18, 0.05, 0.0), (0.22, 0.22, 0.26), 30, 12, Material("diffuse", (0.30, 0.45, 0.60))),
     ),
     (), View((0.0, -1.0, 0.62), (0.0, 0.0, 0.13), 320, 240, 500.0),
