@@ -192,6 +192,7 @@ class Observations:
     is_facing: Bool[np.ndarray, "photo point"]  # towards a light, and not grazing it, whatever stands between
     is_safe: Bool[np.ndarray, "photo point"]  # clear of shadow borders by the geometry's error, and not grazing
     is_highlight: Bool[np.ndarray, "photo point"]  # a highlight is possible here by geometry alone
+    is_interior: Bool[np.ndarray, " point"]  # off the outlines, where a pixel mixes two surfaces
     num_rays: int = 0
 
     @property

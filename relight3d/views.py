@@ -49,6 +49,13 @@ class View:
     is_hit: Bool[np.ndarray, "height width"]
     num_rays: int
 
+    def take(self, index: np.ndarray) -> "View":
+        """Some of the points, on their own: without neighbours, so without soft borders."""
+        names = ("surface", "albedo", "normal", "lobe_gain", "throughput", "is_mirrored", "source", "share", "step")
+        alone = np.full((len(index), 4), -1, np.int32)
+        parts = {name: getattr(self, name)[index] for name in names}
+        return replace(self, points=self.points.take(index), neighbour=alone, **parts)
+
 
 def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions = ViewOptions()) -> View:
     """Trace the view and look everything up."""

@@ -28,6 +28,7 @@ class DetailOptions:
     mode: str = "auto"  # off, normal, lobe, or auto: what left-out photographs prefer
     damping: float = 0.02  # of the data's own mean information: a pixel that knows less moves less
     num_steps: int = 3
+    min_gain_db: float = 0.15  # of left-out photographs, for a surface to have detail at all
 
     def __post_init__(self) -> None:
         if self.mode not in ("auto", "off", "normal", "lobe"):

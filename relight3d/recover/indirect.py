@@ -181,8 +181,11 @@ def _tells_ambient(rows: np.ndarray, inverse_scale: np.ndarray, is_dark: np.ndar
     return bool(s[-1] * limit > s[0])
 
 
-def solve_sites(sums: SiteSums, lit: LightDesign) -> Solution:
-    """Coefficients per site and colour: a batch of damped normal equations; value is (site * color, unknown, 1)."""
+def solve_sites(sums: SiteSums, lit: LightDesign, diagnose: bool = True) -> Solution:
+    """Coefficients per site and colour: a batch of damped normal equations; value is (site * color, unknown, 1).
+
+    Without `diagnose`, rank and condition are left out, which are most of the cost.
+    """
     num_sites, num_photos, _ = sums.weight.shape
     unknowns = lit.rows.shape[3]
     gram = np.empty((num_sites, 3, unknowns, unknowns))
@@ -197,7 +200,13 @@ def solve_sites(sums: SiteSums, lit: LightDesign) -> Solution:
             gram[:, color] = np.einsum("nl,nlu,nlv->nuv", sums.weight[:, :, color], rows, rows, optimize=True)
             moment[:, color] = np.einsum("nl,nlu->nu", sums.moment[:, :, color], rows)
     seen = (sums.weight > 0).sum(axis=1).ravel()
-    return solve_normal(gram.reshape(-1, unknowns, unknowns), moment.reshape(-1, unknowns, 1), None, seen, lit.damping)
+    return solve_normal(
+        gram.reshape(-1, unknowns, unknowns),
+        moment.reshape(-1, unknowns, 1),
+        num_rows=seen,
+        damping=lit.damping,
+        diagnose=diagnose,
+    )
 
 
 def predict(solution: Solution, lit: LightDesign) -> Float32[np.ndarray, "site photo 3"]:
@@ -231,6 +240,13 @@ def left_out_error(sums: SiteSums, lit: LightDesign) -> float:
         squared += float((w * (miss / np.maximum(1.0 - leverage, 0.02)) ** 2).sum())
         total += float(w.sum())
     return squared / max(total, 1e-30)
+
+
+def explained_db(sums: SiteSums, lit: LightDesign) -> float:
+    """By how many dB left-out photographs are predicted better with indirect light than without any."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        none = np.where(sums.weight > 0, sums.moment**2 / sums.weight, 0.0).sum() / max(sums.weight.sum(), 1e-30)
+    return float(10 * np.log10(max(none, 1e-30) / max(left_out_error(sums, lit), 1e-30)))
 
 
 def choose_basis(

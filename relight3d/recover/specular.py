@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from relight3d.errors import InputError
+from relight3d.maths.bounded_fit import BoundedFit, fit_bounded
 from relight3d.maths.lafortune import lobe_energy
-from relight3d.maths.least_squares import BoundedFit, Status, fit_bounded, robust_scale
+from relight3d.maths.least_squares import Status, robust_scale
 from relight3d.records import Lobe
 from relight3d.shading import lobe_brdf
 
@@ -259,12 +260,10 @@ def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
 
 
 def _within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
-    """Lobes scaled so that none sends back more than it gets, for any viewer and colour."""
-    limited = []
-    for lobe in lobes:
-        excess = float(lobe.color.max()) * lobe_energy(np.asarray(lobe.axes), lobe.exponent) / MAX_ENERGY
-        limited.append(Lobe(lobe.color / max(excess, 1.0), lobe.axes, lobe.exponent, lobe.tangent))
-    return tuple(limited)
+    """Lobes scaled so that all together send back no more than they get, for any viewer and colour."""
+    sent = sum(lobe.color * lobe_energy(np.asarray(lobe.axes), lobe.exponent) for lobe in lobes)
+    excess = max(float(np.max(sent)) / MAX_ENERGY, 1.0)
+    return tuple(Lobe(lobe.color / excess, lobe.axes, lobe.exponent, lobe.tangent) for lobe in lobes)
 
 
 def status_of(fit: BoundedFit | None) -> tuple[Status, int, float]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Bool, Float32, Int32
 from scipy import ndimage
 
 from relight3d.camera import Camera
@@ -40,6 +40,7 @@ def observe(
     options: VisibilityOptions,
     mirrors: tuple[Mirror, ...] = (),
     surface_of_face: np.ndarray | None = None,
+    surface: np.ndarray | None = None,
 ) -> Observations:
     """The photographs at the points, normalised by their lights, with shadows, safe zones and highlight zones.
 
@@ -77,7 +78,18 @@ def observe(
     normalised = radiance / np.where(usable, scale, 1.0)[:, None, :].astype(np.float32)
     normalised = np.where(is_valid[..., None], normalised, 0.0).astype(np.float32)
     return Observations(
-        normalised, weight.astype(np.float32), scale, lights, form, thrown, is_lit, facing, safe, highlight, num_rays
+        normalised,
+        weight.astype(np.float32),
+        scale,
+        lights,
+        form,
+        thrown,
+        is_lit,
+        facing,
+        safe,
+        highlight,
+        interior_points(points, camera, surface),
+        num_rays,
     )
 
 
@@ -115,3 +127,25 @@ def _away_from_borders(
     near_lit = ndimage.binary_dilation(state == 1, disc)
     near_dark = ndimage.binary_dilation(state == 0, disc)
     return ~(near_lit & near_dark).ravel()[points.pixel]
+
+
+def interior_points(
+    points: ShadingPoints, camera: Camera, surface: Int32[np.ndarray, " point"] | None
+) -> Bool[np.ndarray, " point"]:
+    """Points whose eight neighbours in the picture lie on the same surface, without a crease or a jump in depth."""
+    grid = np.full((camera.height + 2, camera.width + 2), -1, np.int64)
+    y, x = np.divmod(points.pixel, camera.width)
+    grid[y + 1, x + 1] = np.arange(len(points))
+    inside = np.ones(len(points), bool)
+    at_rim = (y == 0) | (x == 0) | (y == camera.height - 1) | (x == camera.width - 1)
+    for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (1, 1), (-1, 1), (1, -1)):
+        other = grid[y + 1 + dy, x + 1 + dx]
+        there = np.maximum(other, 0)
+        alike = np.abs(points.depth - points.depth[there]) < 0.06 * np.maximum(points.depth, points.depth[there])
+        alike &= np.einsum("pi,pi->p", points.normal, points.normal[there]) > 0.85
+        if surface is not None:
+            alike &= surface == surface[there]
+        # Beyond the picture's rim nothing is known, and nothing is mixed in.
+        beyond = at_rim & ((y + dy < 0) | (x + dx < 0) | (y + dy >= camera.height) | (x + dx >= camera.width))
+        inside &= np.where(other >= 0, alike, beyond)
+    return inside
