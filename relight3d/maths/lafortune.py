@@ -51,7 +51,8 @@ def lobe_base(
 
 def power(base: Float[np.ndarray, "*axes"], exponent: float) -> Float[np.ndarray, "*axes"]:
     """max(0, base) ** exponent, finite for every base <= 1 and exponent > 0, and 0 at base <= 0."""
-    # exp(n log b): log1p-free, since b = 1 gives log 0 exactly; the clamp keeps log finite at b = 0.
+    # exp(n log b), since a negative base to a real power is NaN; b = 1 gives exactly 1, and the clamp keeps the log
+    # finite at b = 0.
     clamped = np.clip(base, 1e-30, 1.0)
     return np.where(base > 0, np.exp(exponent * np.log(clamped)), 0.0).astype(base.dtype)
 
@@ -61,20 +62,27 @@ def lobe_energy(axes: Float[np.ndarray, "3"], exponent: float, num: int = 64) ->
 
     Stratified quadrature over the hemisphere about the lobe; exact to about 1 % for exponents to 1e4.
     """
-    best = 0.0
-    for v_z in (1.0, 0.8, 0.5, 0.25, 0.1):
-        view = np.array([np.sqrt(1 - v_z * v_z), 0.0, v_z])
-        peak = axes * view
-        length = np.linalg.norm(peak)
-        if length == 0:
-            continue
-        # A cosine-power about the peak direction samples the lobe itself: the weight left is length^n cos.
-        i = (np.arange(num) + 0.5) / num
-        azimuth, height = np.meshgrid(2 * np.pi * i, i ** (1.0 / (exponent + 1.0)))
-        ring = np.sqrt(np.maximum(0.0, 1 - height**2))
-        local = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=-1)
-        axis = peak / length
-        t, b = tangent_frame(axis)
-        u_z = np.maximum(0.0, (local[..., 0] * t[2] + local[..., 1] * b[2] + local[..., 2] * axis[2]))
-        best = max(best, float(length**exponent * 2 * np.pi / (exponent + 1) * u_z.mean()))
-    return best
+    turns = (0.0,) if axes[0] == axes[1] else (0.0, np.pi / 4, np.pi / 2)
+    views = [
+        np.array([np.sqrt(1 - v_z * v_z) * np.cos(turn), np.sqrt(1 - v_z * v_z) * np.sin(turn), v_z])
+        for v_z in (1.0, 0.8, 0.5, 0.25, 0.1)
+        for turn in turns
+    ]
+    return max(_directional_albedo(axes, exponent, view, num) for view in views)
+
+
+def _directional_albedo(axes: np.ndarray, exponent: float, view: np.ndarray, num: int) -> float:
+    """The integral of a lobe of colour 1 times the cosine over the directions to the light, for one viewer."""
+    peak = axes * view
+    length = np.linalg.norm(peak)
+    if length == 0:
+        return 0.0
+    # A cosine-power about the peak direction samples the lobe itself: the weight left is length^n cos.
+    i = (np.arange(num) + 0.5) / num
+    azimuth, height = np.meshgrid(2 * np.pi * i, i ** (1.0 / (exponent + 1.0)))
+    ring = np.sqrt(np.maximum(0.0, 1 - height**2))
+    local = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), height], axis=-1)
+    axis = peak / length
+    t, b = tangent_frame(axis)
+    u_z = np.maximum(0.0, local[..., 0] * t[2] + local[..., 1] * b[2] + local[..., 2] * axis[2])
+    return float(length**exponent * 2 * np.pi / (exponent + 1) * u_z.mean())

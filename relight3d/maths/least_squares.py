@@ -3,15 +3,16 @@
 A batch is N problems with the same number of unknowns U and, each, K right sides (the colours). Problems come as
 rows (`solve_rows`), or already summed as normal equations (`solve_normal`), which is how data scattered over pixels
 and photographs arrives. Everything is float64 inside. Nothing raises for a weak problem and nothing returns NaN: the
-status says what the answer is worth.
+status says what the answer is worth. Non-linear fits are in `bounded_fit`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Float, Float64, Int8, Int32
+from jaxtyping import Float, Float64, Int8, Int32, Real
+
+EPS, TINY = np.finfo(np.float64).eps, np.finfo(np.float64).tiny
 
 
 class Status(IntEnum):
@@ -41,96 +42,101 @@ class Solution:
 
 
 def solve_rows(
-    matrix: Float[np.ndarray, "problem row unknown"],
+    matrix: Float[np.ndarray, "#problem row unknown"],
     target: Float[np.ndarray, "problem row color"],
     weight: Float[np.ndarray, "problem row"] | None = None,
     damping: float | Float[np.ndarray, " unknown"] = 0.0,
+    huber: float | None = None,
 ) -> Solution:
     """Weighted, damped least squares of each problem by its singular values.
 
     Minimises sum w (A x - b)^2 + damping * mean column power * x^2. Singular values below
-    2 * eps * max(rows, unknowns) * s_max count as zero (minimum norm). Rows that are not finite weigh nothing.
+    2 * eps * max(rows, unknowns) * s_max count as zero (minimum norm). Rows that are not finite weigh nothing. One
+    matrix serves all problems that have no weights and no gaps of their own. With `huber`, residuals beyond so many
+    robust scales of their own problem weigh less; DID_NOT_CONVERGE where the weights have not settled in 50 rounds.
     """
     matrix, target = np.asarray(matrix, np.float64), np.asarray(target, np.float64)
+    is_shared = len(matrix) == 1 < len(target) and weight is None and huber is None
+    if is_shared and np.isfinite(target).all():
+        return _solve_shared(matrix, target, damping)
+    matrix = np.broadcast_to(matrix, (len(target), *matrix.shape[1:]))
     weight = np.ones(matrix.shape[:2]) if weight is None else np.asarray(weight, np.float64)
     finite = np.isfinite(matrix).all(-1) & np.isfinite(target).all(-1) & np.isfinite(weight)
     weight = np.where(finite, np.maximum(weight, 0.0), 0.0)
-    root = np.sqrt(weight)[..., None]
-    rows = np.where(finite[..., None], matrix, 0.0) * root
-    sides = np.where(finite[..., None], target, 0.0) * root
-    u, s, vt = np.linalg.svd(rows, full_matrices=False)
-    rank, condition, keep = _rank(s, max(rows.shape[1:]), rows.shape[2])
-    prior = np.broadcast_to(np.asarray(damping, np.float64), (rows.shape[2],))
-    if (prior > 0).any():
-        value = _damped(rows, sides, prior)
-    else:
-        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
-        value = np.einsum("nij,ni,nik->njk", vt, inverse, np.einsum("nri,nrk->nik", u, sides))
-    miss = np.einsum("nru,nuk->nrk", rows, value) - sides
-    num_rows = (weight > 0).sum(axis=1)
-    total = np.maximum(weight.sum(axis=1) * sides.shape[2], np.finfo(np.float64).tiny)
-    residual = np.sqrt((miss**2).sum(axis=(1, 2)) / total)
-    return Solution(value, _status(num_rows, rank, rows.shape[2]), rank, condition, residual)
+    matrix, target = np.where(finite[..., None], matrix, 0.0), np.where(finite[..., None], target, 0.0)
+    if huber is None:
+        return _solve_weighted(matrix, target, weight, damping)
+    return _solve_huber(matrix, target, weight, damping, huber)
 
 
 def solve_normal(
     gram: Float[np.ndarray, "problem unknown unknown"],
     moment: Float[np.ndarray, "problem unknown color"],
     power: Float[np.ndarray, " problem"] | None = None,
-    num_rows: Float[np.ndarray, " problem"] | None = None,
+    num_rows: Real[np.ndarray, " problem"] | None = None,
     damping: float | Float[np.ndarray, " unknown"] = 0.0,
     prior: Float[np.ndarray, "problem unknown color"] | None = None,
+    diagnose: bool = True,
 ) -> Solution:
-    """Least squares from summed normal equations A'WA x = A'Wb, by the eigenvalues of the scaled gram matrix.
+    """Least squares from summed normal equations A'WA x = A'Wb, damped, or else of minimum norm.
 
     `power` is sum w b^2 over rows and colours (for the residual), `num_rows` the number of observations. Damping is
-    relative to the mean diagonal and pulls towards `prior` (default 0). Squared conditions cannot be told from
-    rank loss beyond 1e8, so the cut is at sqrt of the row solver's: eps * unknowns on the eigenvalues.
+    relative to the mean diagonal and pulls towards `prior` (default 0). Rank and condition are those of the gram
+    matrix with its columns brought to one scale, so that they speak of directions and not of units. Squared
+    conditions cannot be told from rank loss beyond 1e8, so the cut is at sqrt of the row solver's: 2 * eps * unknowns
+    on the eigenvalues. They cost four times the damped answer itself: with `diagnose` off the same answer comes
+    with rank -1, condition 0 and a status by the number of rows alone.
     """
     gram, moment = np.asarray(gram, np.float64), np.asarray(moment, np.float64)
-    num, unknowns, _ = gram.shape
+    unknowns = gram.shape[1]
     finite = np.isfinite(gram).all(axis=(1, 2)) & np.isfinite(moment).all(axis=(1, 2))
-    gram, moment = np.where(finite[:, None, None], gram, 0.0), np.where(finite[:, None, None], moment, 0.0)
-    # Columns are brought to one scale first, so that rank speaks of directions and not of units.
+    if not finite.all():
+        gram, moment = np.where(finite[:, None, None], gram, 0.0), np.where(finite[:, None, None], moment, 0.0)
     diagonal = np.einsum("nuu->nu", gram)
-    scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(gram * scale[:, :, None] * scale[:, None, :])
-    values = np.maximum(values, 0.0)
-    largest = values[:, -1:]
-    keep = values > 2 * np.finfo(np.float64).eps * unknowns * np.maximum(largest, np.finfo(np.float64).tiny)
-    rank = keep.sum(axis=1).astype(np.int32)
-    smallest = np.where(keep, values, np.inf).min(axis=1, initial=np.inf)
-    full = rank == unknowns
-    condition = np.where(full, np.sqrt(largest[:, 0] / np.where(full, smallest, 1.0)), np.inf)
+    rows = diagonal[:, 0] if num_rows is None else np.asarray(num_rows, np.float64)
+    rows = np.where(finite, rows, 0.0)
     start = np.zeros_like(moment) if prior is None else np.asarray(prior, np.float64)
-    side = moment - np.einsum("nuv,nvk->nuk", gram, start)
-    if np.any(np.asarray(damping) > 0):
-        mean = diagonal.mean(axis=1)
-        ridge = np.where(mean > 0, mean, 1.0)[:, None] * np.broadcast_to(damping, (unknowns,))
+    side = moment if prior is None else moment - gram @ start
+    is_damped = bool(np.any(np.asarray(damping) > 0))
+    rank, condition = np.full(len(gram), -1, np.int32), np.zeros(len(gram))
+    if diagnose or not is_damped:
+        scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
+        scaled = gram * scale[:, :, None] * scale[:, None, :]
+        # The vectors cost as much again as the values, and only the minimum-norm answer needs them.
+        values, vectors = (np.linalg.eigvalsh(scaled), None) if is_damped else np.linalg.eigh(scaled)
+        values = np.maximum(values, 0.0)
+        rank, squared, keep = _rank(values, unknowns, unknowns)
+        condition = np.sqrt(squared)
+    if is_damped:
+        mean = np.maximum(diagonal.mean(axis=1), TINY)
         # A direction that neither data nor damping holds stays at the prior.
-        ridge = np.maximum(ridge, np.finfo(np.float64).eps * np.where(mean > 0, mean, 1.0)[:, None])
-        step = np.linalg.solve(gram + ridge[:, :, None] * np.eye(unknowns), side)
+        ridge = mean[:, None] * np.maximum(np.broadcast_to(damping, (unknowns,)), EPS)
+        damped = gram.copy()
+        np.einsum("nuu->nu", damped)[:] += ridge
+        # Brought to a mean of 1, so that tiny sums cannot underflow in the elimination.
+        step = np.linalg.solve(damped / mean[:, None, None], side / mean[:, None, None])
     else:
         inverse = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
         rotated = np.einsum("nvu,nvk->nuk", vectors, side * scale[:, :, None])
         step = scale[:, :, None] * np.einsum("nvu,nu,nuk->nvk", vectors, inverse, rotated)
     value = start + step
-    rows = diagonal[:, 0] if num_rows is None else np.asarray(num_rows, np.float64)
-    rows = np.where(finite, rows, 0.0)
     residual = _normal_residual(gram, moment, value, power, rows)
-    return Solution(value, _status(rows, rank, unknowns), rank, condition, residual)
+    known = rank if diagnose else np.where(diagonal.any(axis=1), np.minimum(rows, unknowns), 0).astype(np.int32)
+    return Solution(value, _status(rows, known, unknowns), rank, condition, residual)
 
 
 def robust_weights(
-    residual: Float[np.ndarray, "*axes"], scale: float | Float[np.ndarray, "*axes"], tuning: float = 1.345
+    residual: Float[np.ndarray, "*axes"], scale: float | Float[np.ndarray, "*#axes"], tuning: float = 1.345
 ) -> Float[np.ndarray, "*axes"]:
-    """Huber's weights: 1 within `tuning` scales, falling as 1/|residual| beyond. A scale of 0 gives weight 1 to zeros."""
-    ratio = np.abs(residual) / np.maximum(scale, np.finfo(np.float64).tiny)
+    """Huber's weights: 1 within `tuning` scales, falling as 1/|residual| beyond. A scale of 0 leaves zeros at 1."""
+    ratio = np.abs(residual) / np.maximum(scale, TINY)
     return 1.0 / np.maximum(1.0, ratio / tuning)
 
 
-def robust_scale(residual: Float[np.ndarray, "*axes"], axis: int | None = None) -> Float[np.ndarray, "*rest"]:
-    """The standard deviation that the median absolute value stands for, were the residual normal."""
+def robust_scale(residual: Float[np.ndarray, "*axes"], axis: int | None = None) -> Float[np.ndarray, "*rest"] | float:
+    """The standard deviation that the median absolute value stands for, were the residual normal; 0 for no values."""
+    if residual.size == 0:
+        return 0.0 if axis is None else np.zeros(np.delete(residual.shape, axis))
     return 1.4826 * np.median(np.abs(residual), axis=axis)
 
 
@@ -143,60 +149,71 @@ def weighted_median(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, 
     return float(values[order[np.searchsorted(cumulative, cumulative[-1] / 2)]])
 
 
-@dataclass(frozen=True, eq=False)
-class BoundedFit:
-    """The answer of a bounded, robust non-linear fit, of the same kind as a Solution's."""
+def _solve_shared(matrix: np.ndarray, target: np.ndarray, damping: float | np.ndarray) -> Solution:
+    """One singular value decomposition for all problems: their right sides are columns of one."""
+    num, rows, colors = target.shape
+    unknowns = matrix.shape[2]
+    columns = target.transpose(1, 0, 2).reshape(1, rows, num * colors)
+    one = solve_rows(matrix, columns, None, damping)
+    value = one.value[0].reshape(unknowns, num, colors).transpose(1, 0, 2)
+    is_row = np.isfinite(matrix[0]).all(axis=1)
+    miss = (np.where(is_row[:, None], matrix[0], 0.0) @ value - target) * is_row[:, None]
+    residual = np.sqrt((miss**2).sum(axis=(1, 2)) / max(is_row.sum() * colors, 1))
+    repeat = [np.repeat(a, num) for a in (one.status, one.rank, one.condition)]
+    return Solution(np.ascontiguousarray(value), *repeat, residual)
 
-    value: Float64[np.ndarray, " unknown"]
-    status: Status
-    rank: int
-    condition: float
-    cost: float
-    num_evaluations: int
+
+def _solve_weighted(
+    matrix: np.ndarray, target: np.ndarray, weight: np.ndarray, damping: float | np.ndarray
+) -> Solution:
+    root = np.sqrt(weight)[..., None]
+    # Each problem is brought to a largest entry of 1: squares of 1e200 would be infinite.
+    size = np.abs(matrix * root).max(axis=(1, 2), initial=0.0)[:, None, None]
+    size = np.where(size > 0, size, 1.0)
+    rows, sides = matrix * root / size, target * root / size
+    unknowns = rows.shape[2]
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    rank, condition, keep = _rank(s, max(rows.shape[1:]), unknowns)
+    prior = np.broadcast_to(np.asarray(damping, np.float64), (unknowns,))
+    if (prior > 0).any():
+        value = _damped(rows, sides, prior)
+    else:
+        inverse = np.where(keep, 1.0 / np.where(keep, s, 1.0), 0.0)
+        value = np.einsum("nij,ni,nik->njk", vt, inverse, np.einsum("nri,nrk->nik", u, sides))
+    miss = (rows @ value - sides) * size
+    total = np.maximum(weight.sum(axis=1) * sides.shape[2], TINY)
+    residual = np.sqrt((miss**2).sum(axis=(1, 2)) / total)
+    return Solution(value, _status((weight > 0).sum(axis=1), rank, unknowns), rank, condition, residual)
 
 
-def fit_bounded(
-    residual: Callable[[np.ndarray], np.ndarray],
-    starts: list[np.ndarray],
-    lower: np.ndarray,
-    upper: np.ndarray,
-    loss: str = "soft_l1",
-    loss_scale: float = 0.1,
-    max_evaluations: int = 60,
-) -> BoundedFit:
-    """The best of several starts of a trust-region fit within bounds (scipy.optimize.least_squares).
-
-    A residual that is not finite is taken as a large one, so the region shrinks away from it. The status is
-    DID_NOT_CONVERGE when the best start ended at its limit of evaluations, NO_DATA when there is no residual.
-    """
-    from scipy.optimize import least_squares
-
-    def guarded(x: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(residual(x), nan=1e6, posinf=1e6, neginf=-1e6)
-
-    if not starts or guarded(starts[0]).size == 0:
-        return BoundedFit((lower + upper) / 2, Status.NO_DATA, 0, np.inf, 0.0, 0)
-    best, evaluations = None, 0
-    for start in starts:
-        inside = np.clip(start, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
-        answer = least_squares(
-            guarded, inside, bounds=(lower, upper), loss=loss, f_scale=loss_scale, max_nfev=max_evaluations
-        )
-        evaluations += answer.nfev
-        if best is None or answer.cost < best.cost:
-            best = answer
-    assert best is not None
-    s = np.linalg.svd(best.jac, compute_uv=False)
-    rank, condition, _ = _rank(s[None], max(best.jac.shape), len(lower))
-    status = _status(np.array([best.jac.shape[0]]), rank, len(lower))[0]
-    status = Status.DID_NOT_CONVERGE if best.status == 0 else Status(int(status))
-    return BoundedFit(best.x, status, int(rank[0]), float(condition[0]), float(best.cost), evaluations)
+def _solve_huber(
+    matrix: np.ndarray, target: np.ndarray, weight: np.ndarray, damping: float | np.ndarray, tuning: float
+) -> Solution:
+    """Iteratively reweighted; each problem's scale is the robust one of its own residuals (trap 13)."""
+    answer = _solve_weighted(matrix, target, weight, damping)
+    is_moving = np.ones(len(matrix), bool)
+    for _ in range(50):
+        miss = np.linalg.norm(matrix @ answer.value - target, axis=2)
+        used = np.where(weight > 0, miss, np.nan)
+        has_rows = (weight > 0).any(axis=1)
+        scale = np.zeros(len(miss))
+        scale[has_rows] = 1.4826 * np.nanmedian(used[has_rows], axis=1)
+        # Exact data leaves rounding errors for residuals: they are no scale to judge by.
+        floor = 1e-12 * np.abs(target).max(axis=(1, 2), initial=0.0)
+        robust = robust_weights(miss, np.broadcast_to(np.maximum(scale, floor)[:, None], miss.shape), tuning)
+        last, answer = answer.value, _solve_weighted(matrix, target, weight * robust, damping)
+        step = np.abs(answer.value - last).max(axis=(1, 2), initial=0.0)
+        is_moving = step > 1e-6 * np.abs(answer.value).max(axis=(1, 2), initial=0.0) + TINY
+        if not is_moving.any():
+            break
+    status = np.where(is_moving & (answer.status == Status.OK), Status.DID_NOT_CONVERGE, answer.status)
+    return Solution(answer.value, status.astype(np.int8), answer.rank, answer.condition, answer.residual)
 
 
 def _rank(singular: np.ndarray, larger: int, unknowns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rank, condition (inf where short of rank) and which singular values count."""
     largest = singular.max(axis=1, initial=0.0)
-    keep = singular > 2 * np.finfo(np.float64).eps * larger * largest[:, None]
+    keep = singular > 2 * EPS * larger * largest[:, None]
     rank = keep.sum(axis=1).astype(np.int32)
     smallest = np.where(keep, singular, np.inf).min(axis=1, initial=np.inf)
     full = rank == unknowns
@@ -226,6 +243,6 @@ def _normal_residual(
 ) -> np.ndarray:
     if power is None:
         return np.zeros(len(gram))
-    explained = 2 * np.einsum("nuk,nuk->n", value, moment) - np.einsum("nuk,nuv,nvk->n", value, gram, value)
+    explained = 2 * np.einsum("nuk,nuk->n", value, moment) - np.einsum("nuk,nuk->n", value, gram @ value)
     missing = np.maximum(np.asarray(power, np.float64) - explained, 0.0)
     return np.sqrt(missing / np.maximum(rows * moment.shape[2], 1.0))

@@ -78,20 +78,20 @@ def degree_of(name: str) -> Float[np.ndarray, " basis"]:
 def within_reach(
     omega: Float[np.ndarray, "light 3"], anchors: Float[np.ndarray, "anchor 3"], reach_rad: float
 ) -> tuple[Float[np.ndarray, "light 3"], Float[np.ndarray, " light"]]:
-    """Directions moved along their great circle to within `reach_rad` of the nearest anchor, and how far they were moved (rad).
+    """Directions moved on their great circle to within `reach_rad` of the nearest anchor, and how far, in radians.
 
-    A low-order function is only known near the lights that it was fitted to; beyond, this keeps it from running
-    away, without a jump. Directions within reach are returned as they are.
+    A low-order function is only known near the lights that it was fitted to; beyond, this keeps it from running away,
+    without a jump at the border of reach. Directions within reach are returned as they are. Out of reach of all
+    anchors, the place that is read jumps where the nearest one changes.
     """
     if len(anchors) == 0:
         return omega, np.zeros(len(omega))
     cosine = np.clip(omega @ anchors.T, -1.0, 1.0)
-    nearest = anchors[np.argmax(cosine, axis=1)]
-    angle = np.arccos(cosine.max(axis=1))
-    excess = np.maximum(angle - reach_rad, 0.0)
-    # Slerp from the nearest anchor; sin(angle) is kept off zero for a light opposite to its anchor.
-    sine = np.maximum(np.sin(angle), 1e-6)[:, None]
-    kept = np.minimum(angle, reach_rad)[:, None]
-    moved = (np.sin(angle[:, None] - kept) * nearest + np.sin(kept) * omega) / sine
+    nearest, cosine = anchors[np.argmax(cosine, axis=1)], cosine.max(axis=1)
+    excess = np.maximum(np.arccos(cosine) - reach_rad, 0.0)
+    # A light opposite to its anchor has no great circle of its own: it is read at the anchor.
+    aside = omega - cosine[:, None] * nearest
+    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-9)
+    moved = np.cos(reach_rad) * nearest + np.sin(reach_rad) * aside
     moved /= np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), 1e-12)
     return np.where(excess[:, None] > 0, moved, omega), excess
