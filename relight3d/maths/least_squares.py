@@ -129,8 +129,8 @@ def robust_weights(
     residual: Float[np.ndarray, "*axes"], scale: float | Float[np.ndarray, "*#axes"], tuning: float = 1.345
 ) -> Float[np.ndarray, "*axes"]:
     """Huber's weights: 1 within `tuning` scales, falling as 1/|residual| beyond. A scale of 0 leaves zeros at 1."""
-    ratio = np.abs(residual) / np.maximum(scale, TINY)
-    return 1.0 / np.maximum(1.0, ratio / tuning)
+    limit = np.maximum(np.asarray(scale) * tuning, TINY)
+    return limit / np.maximum(np.abs(residual), limit)
 
 
 def robust_scale(residual: Float[np.ndarray, "*axes"], axis: int | None = None) -> Float[np.ndarray, "*rest"] | float:
