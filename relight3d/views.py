@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from relight3d.camera import Camera
 from relight3d.records import RelightModel, ShadingPoints
-from relight3d.shading import points_along, points_mirrored, reflected
+from relight3d.shading import NUDGE_PX, points_along, points_mirrored, points_seen, reflected
 from relight3d.tracing import RayScene
 
 BORDER_PATTERN = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
@@ -60,7 +60,7 @@ class View:
 def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions = ViewOptions()) -> View:
     """Trace the view and look everything up."""
     captured = camera.same_as(model.camera)
-    centres = model.pixels.points if captured else points_along(scene, model.mesh, camera, *_centres(camera))
+    centres = model.pixels.points if captured else points_seen(scene, model.mesh, camera)
     num_rays = 0 if captured else camera.num_pixels
     is_hit = np.zeros(camera.num_pixels, bool)
     is_hit[centres.pixel] = True
@@ -86,17 +86,12 @@ def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: Vi
 # --------------------------------------------------------------------------------------------- rays
 
 
-def _centres(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
-    return np.arange(camera.num_pixels), np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
-
-
 def _subpixels(camera: Camera, pixel: np.ndarray, num: int) -> tuple[np.ndarray, np.ndarray]:
     side = max(1, round(num**0.5))
     place = (np.arange(side) + 0.5) / side
     dx, dy = (a.ravel() for a in np.meshgrid(place, place))
-    x = (pixel % camera.width)[:, None] + dx
-    y = (pixel // camera.width)[:, None] + dy
+    x = (pixel % camera.width)[:, None] + dx + NUDGE_PX[0]
+    y = (pixel // camera.width)[:, None] + dy + NUDGE_PX[1]
     return np.repeat(pixel, side * side), np.stack([x.ravel(), y.ravel()], axis=1)
 
 

@@ -17,7 +17,7 @@ from relight3d.records import (
 )
 from relight3d.recover import indirect, mirror, residual, specular
 from relight3d.recover.rounds import Evidence, Fitted, Stage
-from relight3d.shading import reflected
+from relight3d.shading import light_strength, reflected
 
 log = logging.getLogger("relight3d")
 
@@ -215,7 +215,12 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
     anchors = np.array([_mean_direction(each) for each in observed.lights if each])
     known = (observed.weight > 0)[bright]
     slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
-    states = {"lit": known & (seen > 0.999), "dark": known & (seen < 0.001)}
+    # What is carried over is for a light of strength 1, as the frames multiply it again by a lamp's own.
+    strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
+    misfit, slope = misfit / strength[:, None, None], slope * strength[:, None, None] ** 2
+    # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
+    sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
+    states = {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure)}
     fits = {name: residual.choose_kernel(misfit, k, slope, anchors, options) for name, k in states.items()}
     gain = max(fit.gain_db for fit in fits.values())
     is_on = gain > options.min_gain_db
@@ -231,6 +236,13 @@ def _mean_direction(lights: tuple) -> np.ndarray:
     """Where a photograph's light comes from, seen from the scene's middle; of several, by power."""
     total = sum(light.incident(np.zeros((1, 3)))[0][0] * float(light.power.sum()) for light in lights)
     return total / max(float(np.linalg.norm(total)), 1e-12)
+
+
+def _mean_strength(lights: tuple, softening: float) -> float:
+    """The strength at the scene's middle of a photograph's light; of several, by power."""
+    power = [float(light.power.sum()) for light in lights]
+    strength = [float(light_strength(light, np.zeros((1, 3)), softening)[1][0]) for light in lights]
+    return max(float(np.dot(power, strength)) / max(sum(power), 1e-30), 1e-30)
 
 
 def _misfit(stage: Stage, observed: Observations, model: RelightModel, view) -> tuple[np.ndarray, np.ndarray]:

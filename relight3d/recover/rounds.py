@@ -148,7 +148,8 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
             observed, target, weight, direct, None if first and step == 0 else fitted.irradiance
         )
         mean = surface_medians(albedo, information * observed.is_interior[:, None], stage.surface, num)
-        if step == 0:
+        if step == (steps - 1 if first else 0):
+            # Not before the indirect light is known: what it does to a pixel looks like texture.
             fitted = _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
         known = fitted.is_textured[stage.surface][:, None] & (information > 0)
         relative = np.where(known, albedo / np.maximum(mean[stage.surface], 1e-6), 1.0).astype(np.float32)
@@ -242,7 +243,7 @@ def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted
     """Which surfaces are textured (1.1.1), and which keep an albedo per pixel: those whose left-out photographs gain."""
     options = stage.options.texture
     measured = texture.difference_measure(
-        observed, stage.points, stage.surface, albedo, stage.camera, len(mean), options
+        replace(observed, radiance=target), stage.points, stage.surface, albedo, stage.camera, len(mean), options
     )
     shows = np.array([m.is_textured(options) for m in measured])
     light = direct + fitted.irradiance
@@ -286,11 +287,12 @@ def trust_of(stage: Stage, observed, albedo, direct, irradiance, target) -> tupl
     miss = target.mean(axis=2) - predicted
     used = observed.is_safe & (observed.weight > 0) & stage.is_matte
     own = 1.4826 * np.median(np.where(used, np.abs(miss), 0.0), axis=0)
-    scale = np.maximum(own, 0.02 * predicted.mean(axis=0)) + 1e-9
+    dark = 1e-6 * stage.white  # what is darker than this is zero; a constant would have a unit
+    scale = np.maximum(own, 0.02 * predicted.mean(axis=0)) + dark
     trust = robust_weights(miss, scale[None], 2.0)
     lit = used & observed.is_lit & ~observed.is_highlight
     relative = [
-        float(np.median(np.abs(miss[p, lit[p]]) / (predicted[p, lit[p]] + 1e-9))) if lit[p].sum() > 50 else 0.0
+        float(np.median(np.abs(miss[p, lit[p]]) / (predicted[p, lit[p]] + dark))) if lit[p].sum() > 50 else 0.0
         for p in range(len(miss))
     ]
     limit = max(0.25, 4.0 * float(np.median(relative)))

@@ -22,7 +22,7 @@ class TextureOptions:
 
     min_difference: float = 0.06  # between neighbours, as a factor: what a texture must show somewhere
     min_share: float = 0.02  # of the pixels at least must show it
-    min_spread: float = 0.10  # or the albedo must vary by so much (relative) over the surface as a whole
+    min_spread: float = 0.15  # or the albedo must vary by so much (relative) over the surface as a whole
     min_gain_db: float = 0.15  # of left-out photographs, for an albedo per pixel where the measure sees no texture
     method: str = "alternating"  # or "reciprocal": eq. (2)
 
@@ -72,8 +72,8 @@ def difference_measure(
     good = observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
     count, total, square = (np.zeros(len(left)) for _ in range(3))
     for photo in range(len(good)):
-        gray = np.log(np.maximum(observed.radiance[photo].mean(axis=1), 1e-6))
-        form = np.log(np.maximum(observed.form[photo].mean(axis=1), 1e-6))
+        gray = _log(observed.radiance[photo].mean(axis=1))
+        form = _log(observed.form[photo].mean(axis=1))
         both = good[photo][left] & good[photo][right]
         ratio = np.where(both, (gray - form)[left] - (gray - form)[right], 0.0)
         count, total, square = count + both, total + ratio, square + ratio**2
@@ -84,6 +84,11 @@ def difference_measure(
         _difference(common[(surface[left] == s) & (count >= 2)], albedo[(surface == s) & observed.is_interior], options)
         for s in range(num_surfaces)
     ]
+
+
+def _log(values: np.ndarray) -> np.ndarray:
+    """The logarithm with a floor at a millionth of the largest value: under lamps the values have a unit."""
+    return np.log(np.maximum(values, max(1e-6 * float(values.max(initial=0.0)), 1e-30)))
 
 
 def _difference(common: np.ndarray, albedo: np.ndarray, options: TextureOptions) -> Difference:
