@@ -115,9 +115,10 @@ def border_albedo(
 
 def _robust_ratio(steps: np.ndarray, rises: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
     """rises = ratio * steps by Huber's weights from a weighted median, and the scatter of the ratios."""
-    usable = steps > 1e-6
+    # Relative: with lamps for lights, a step of the form has the unit 1 / length^2.
+    usable = steps > 1e-6 * np.max(steps, initial=0.0)
     if not usable.any():
-        return 0.0, np.inf
+        return 0.0, 0.0
     ratios, power = rises[usable] / steps[usable], weight[usable] * steps[usable] ** 2
     ratio = weighted_median(ratios, power)
     for _ in range(10):
