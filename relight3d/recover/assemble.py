@@ -12,43 +12,13 @@ from relight3d.records import (
     Health,
     Mirror,
     Observations,
-    PixelMap,
     RelightModel,
 )
 from relight3d.recover import indirect, mirror, residual, specular
-from relight3d.recover.rounds import Evidence, Fitted, Stage
+from relight3d.recover.rounds import Evidence, Fitted, Stage, provisional_model
 from relight3d.shading import light_strength, reflected
 
 log = logging.getLogger("relight3d")
-
-
-def provisional_model(
-    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
-) -> RelightModel:
-    """The model so far, without background and residual."""
-    assert fitted.solution is not None and fitted.design is not None, "the alternation comes first"
-    found, health = indirect.indirect_of(
-        fitted.solution, fitted.design, observed, stage.options.indirect.site, stage.anchors, stage.softening
-    )
-    found, health = indirect.fill_unseen(stage.mesh, found, health)
-    num_lit = (observed.is_lit & (observed.weight > 0)).sum(axis=0).astype(np.int32)
-    center = stage.mesh.center
-    return RelightModel(
-        camera=stage.camera,
-        mesh=stage.mesh,
-        surfaces=stage.surfaces,
-        pixels=PixelMap(stage.points, stage.surface, fitted.albedo, fitted.normal, fitted.lobe_gain, num_lit),
-        surface_albedo=fitted.surface_albedo,
-        indirect=found,
-        residual=None,
-        background=None,
-        lobes=fitted.lobes,
-        mirrors=mirrors,
-        lights=tuple(tuple(light.translated(center) for light in each) for each in observed.lights),
-        exposure=1.0,
-        decisions=(),
-        health={"indirect": health},
-    )
 
 
 def assemble(

@@ -12,7 +12,7 @@ import numpy as np
 
 from relight3d.camera import Camera
 from relight3d.maths.least_squares import Solution, robust_weights
-from relight3d.records import Lobe, Mirror, Observations, PatchMesh, ShadingPoints, Surfaces
+from relight3d.records import Lobe, Mirror, Observations, PatchMesh, PixelMap, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import detail, diffuse, indirect, mirror, specular, texture
 from relight3d.tracing import RayScene
 
@@ -459,7 +459,6 @@ def fit_mirrors(
     if not mirrors:
         return mirrors
     from relight3d.forward import shade_points
-    from relight3d.recover.assemble import provisional_model
     from relight3d.views import ViewOptions, build_view
 
     model = provisional_model(stage, observed, mirrors, fitted)
@@ -481,3 +480,32 @@ def fit_mirrors(
         fitted.evidence["mirror", one.surface] = Evidence(float(gain), 0.5, reason)
         found.append(replace(one, reflectance=value))
     return tuple(found)
+
+
+def provisional_model(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
+) -> RelightModel:
+    """The model so far, without background and residual."""
+    assert fitted.solution is not None and fitted.design is not None, "the alternation comes first"
+    found, health = indirect.indirect_of(
+        fitted.solution, fitted.design, observed, stage.options.indirect.site, stage.anchors, stage.softening
+    )
+    found, health = indirect.fill_unseen(stage.mesh, found, health)
+    num_lit = (observed.is_lit & (observed.weight > 0)).sum(axis=0).astype(np.int32)
+    center = stage.mesh.center
+    return RelightModel(
+        camera=stage.camera,
+        mesh=stage.mesh,
+        surfaces=stage.surfaces,
+        pixels=PixelMap(stage.points, stage.surface, fitted.albedo, fitted.normal, fitted.lobe_gain, num_lit),
+        surface_albedo=fitted.surface_albedo,
+        indirect=found,
+        residual=None,
+        background=None,
+        lobes=fitted.lobes,
+        mirrors=mirrors,
+        lights=tuple(tuple(light.translated(center) for light in each) for each in observed.lights),
+        exposure=1.0,
+        decisions=(),
+        health={"indirect": health},
+    )
