@@ -20,7 +20,7 @@ from rich.progress import (
 )
 
 Item = TypeVar("Item")
-Report = Callable[[str, float], None]  # a stage that has ended (or what comes next), and the fraction done so far
+Report = Callable[[str, float], None]  # a stage that begins or ends, and the fraction of the whole done so far
 
 
 def say(line: str) -> None:
@@ -103,10 +103,13 @@ def working(title: str, quiet: bool = False) -> Iterator[None]:
 
 
 def _line_reporter(title: str) -> Report:
-    started = time.perf_counter()
+    started, last = time.perf_counter(), ""
 
     def report(stage: str, fraction: float) -> None:
-        seconds = time.perf_counter() - started
+        nonlocal last
+        if stage == last and fraction < 1.0:
+            return  # its end; the line came as it began
+        seconds, last = time.perf_counter() - started, stage
         remark(f"{title}: {seconds:6.1f} s {100 * min(max(fraction, 0.0), 1.0):4.0f} %  {stage}")
 
     return report

@@ -31,7 +31,7 @@ def recover_to(path: Path, capture: Path, options: RecoverOptions, hides_bar: bo
     """Recover a capture, write the model file, and say what came of it."""
     require_writable(path)
     with stage_bar("recover", hides_bar) as report:
-        model = relight3d.recover(load_capture(capture), options, quiet=True, progress=report)
+        model = relight3d.recover(load_capture(capture), options, progress=report)
     model.save(path)
     for warning in model.warnings:
         remark(f"warning: {warning}")

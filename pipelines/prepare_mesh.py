@@ -1,0 +1,32 @@
+"""Stage 1: the mesh, cleaned and subdivided; what was changed; and the result as PLY to look at.
+
+    python pipelines/prepare_mesh.py data/desk --output output/stages/desk
+"""
+
+from pathlib import Path
+
+import tyro
+from stages import CapturePath, Options, Stages
+
+from relight3d.io.meshes import write_mesh
+from relight3d.progress import say
+from relight3d.recover.run import RecoverOptions
+
+CAPTURE, OUTPUT = Path("data/desk"), Path("output/stages/desk")
+OPTIONS = RecoverOptions()
+
+
+def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options = OPTIONS) -> None:
+    made = Stages(capture, output, options).mesh
+    write_mesh(output / "mesh.ply", made)
+    report = made.report
+    say(f"{report.num_faces_in} faces in, {report.num_faces_out} out; {len(made.vertices)} vertices")
+    for kind, count in report.changes.items():
+        say(f"  {kind.replace('_', ' ')}: {count}")
+    for note in report.notes:
+        say(f"  {note}")
+    say(f"{output / 'mesh.ply'}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main, description=__doc__)

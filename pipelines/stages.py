@@ -1,0 +1,178 @@
+"""Recovery stage by stage, for the scripts beside this file: each stage's record is kept in a file of its own.
+
+A stage asks those before it, and runs again only when its own inputs, its Options or the library's code have changed.
+The order is that of relight3d.recover.run; a test holds the two together.
+"""
+
+from functools import cached_property, wraps
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+
+from relight3d.io.capture import load_capture
+from relight3d.io.stage_file import kept
+from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
+from relight3d.recover import assemble, mirror, rounds, visibility
+from relight3d.recover.mesh import prepare_mesh
+from relight3d.recover.mirror import EdgeTest
+from relight3d.recover.rounds import Fitted, Stage
+from relight3d.recover.run import RecoverOptions, Training, find_surfaces, read_training, test_mirrors
+from relight3d.shading import points_seen, ray_scene
+from relight3d.tracing import RayScene
+
+CapturePath = Annotated[Path, tyro.conf.Positional]
+Options = Annotated[RecoverOptions, tyro.conf.arg(name="")]  # their flags have no prefix
+
+
+def once(method):
+    """The method, asked once for each number; a second question gets the same record."""
+
+    @wraps(method)
+    def ask(self, number: int):
+        answers = self.__dict__.setdefault(f"{method.__name__}()", {})
+        if number not in answers:
+            answers[number] = method(self, number)
+        return answers[number]
+
+    return ask
+
+
+class Stages:
+    """The stages of one capture; their files are in `folder`."""
+
+    def __init__(self, capture: Path, folder: Path, options: RecoverOptions | None = None) -> None:
+        self.capture: Capture = load_capture(capture)
+        self.folder, self.options = folder, options or RecoverOptions()
+
+    def _kept(self, name: str, make, *made_of: object):
+        return kept(self.folder / f"{name}.npz", make, *made_of)
+
+    @cached_property
+    def mesh(self) -> PatchMesh:
+        given, options = self.capture.mesh, self.options.mesh
+        return self._kept("mesh", lambda: prepare_mesh(given, options), given, options)
+
+    @cached_property
+    def rays(self) -> RayScene:
+        return ray_scene(self.mesh)  # a held resource, quicker to make than to read
+
+    @cached_property
+    def points(self) -> ShadingPoints:
+        camera = self.capture.camera
+        return self._kept("points", lambda: points_seen(self.rays, self.mesh, camera), self.mesh, camera)
+
+    @cached_property
+    def photographs(self) -> Training:
+        return read_training(self.capture, self.mesh, self.points)  # its file would be the photographs over again
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        options = self.options
+        return self._kept(
+            "surfaces",
+            lambda: find_surfaces(self.capture, self.mesh, self.rays, self.points, self.photographs, options),
+            *(self.capture.camera, self.mesh, self.points, self.photographs),
+            *(options.surfaces, options.visibility, options.use_labels),
+        )
+
+    @cached_property
+    def mirror_tests(self) -> list[EdgeTest]:
+        given = (self.capture, self.mesh, self.rays, self.points, self.surfaces, self.photographs, self.options)
+        return self._kept(
+            "mirror_tests",
+            lambda: test_mirrors(*given),
+            *(self.capture.camera, self.mesh, self.points, self.surfaces, self.photographs, self.options.mirror),
+        )
+
+    @cached_property
+    def mirrors_found(self) -> tuple[Mirror, ...]:
+        """The surfaces accepted as mirrors, before their reflectance is known."""
+        options, of_face = self.options.mirror, self.surfaces.surface_of_face
+        of_point = of_face[self.points.face]
+        return tuple(
+            mirror.mirror_of(self.mesh, of_face, t.surface, self.points.take(of_point == t.surface), t.score, options)
+            for t in self.mirror_tests
+            if t.passes(options)
+        )
+
+    @cached_property
+    def observed(self) -> Observations:
+        photographs, of_face, options = self.photographs, self.surfaces.surface_of_face, self.options.visibility
+        return self._kept(
+            "visibility",
+            lambda: visibility.observe(
+                self.rays, self.mesh, self.points, self.capture.camera, photographs.radiance, photographs.is_valid,
+                photographs.lights, options, self.mirrors_found, of_face, of_face[self.points.face],
+            ),
+            *(self.capture.camera, self.mesh, self.points, photographs, options, self.mirrors_found, of_face),
+        )  # fmt: skip
+
+    @cached_property
+    def common(self) -> Stage:
+        """What stays the same through all rounds; it holds the rays, and is made anew."""
+        return rounds.set_stage(
+            self.options, self.mesh, self.rays, self.capture.camera, self.points, self.surfaces, self.mirrors_found,
+            self.observed, self.photographs.exposure,
+        )  # fmt: skip
+
+    @once
+    def diffuse(self, number: int) -> Fitted:
+        """Albedo and indirect light: `number` 0 is the first alternation, 1 the one after the first lobes."""
+        before = rounds.start(self.common, self.observed) if number == 0 else self.detail(number)[0]
+        mirrors = self.mirrors_found if number == 0 else self.detail(number)[1]
+        options = (self.options.texture, self.options.diffuse, self.options.indirect, self.options.num_alternations)
+        return self._round(
+            f"diffuse_{number}", lambda: rounds.alternate(self.common, self.observed, mirrors, before), before, options
+        )
+
+    @once
+    def lobes(self, number: int) -> Fitted:
+        """Which surfaces are glossy and their lobes, in round `number`, counted from 1."""
+        before, mirrors = self.diffuse(number - 1), self.mirrors_before(number)
+        return self._round(
+            f"lobes_{number}",
+            lambda: rounds.fit_gloss(self.common, self.observed, mirrors, before),
+            *(before, mirrors, self.options.specular),
+        )
+
+    @once
+    def detail(self, number: int) -> tuple[Fitted, tuple[Mirror, ...]]:
+        """Normals and lobe gains per pixel, then the mirrors' reflectance, which the evidence lists with them."""
+        before, mirrors = self.lobes(number), self.mirrors_before(number)
+
+        def make() -> tuple[Fitted, tuple[Mirror, ...]]:
+            fitted = rounds.fit_detail(self.common, self.observed, mirrors, before)
+            reflecting = rounds.fit_mirrors(self.common, self.observed, mirrors, fitted)
+            return fitted, reflecting
+
+        return self._round(f"detail_{number}", make, before, mirrors, self.options.detail, self.options.indirect)
+
+    def mirrors_before(self, number: int) -> tuple[Mirror, ...]:
+        """The mirrors as round `number` finds them."""
+        return self.mirrors_found if number == 1 else self.detail(number - 1)[1]
+
+    @cached_property
+    def model(self) -> RelightModel:
+        """The last stage: the surroundings in mirrors, and the residual."""
+        last = self.options.num_rounds
+        fitted, mirrors = self.diffuse(last), self.mirrors_before(last + 1)
+
+        def make() -> RelightModel:
+            exposure = self.photographs.exposure
+            model = assemble.assemble(self.common, self.observed, mirrors, fitted, self.mirror_tests, exposure)
+            return assemble.with_residual(self.common, self.observed, model)
+
+        return self._round("model", make, fitted, mirrors, self.mirror_tests, self.options)
+
+    def _round(self, name: str, make, *made_of: object):
+        common = (self.mesh, self.capture.camera, self.points, self.surfaces, self.mirrors_found, self.observed)
+        return self._kept(name, make, *common, self.photographs.exposure, self.options.indirect, *made_of)
+
+    def picture(self, values: np.ndarray) -> np.ndarray:
+        """Values of the points (rgb or one) as a picture, black where no point is."""
+        camera = self.capture.camera
+        picture = np.zeros((camera.num_pixels, 3), np.float32)
+        picture[self.points.pixel] = values if values.ndim == 2 else values[:, None]
+        return picture.reshape(camera.height, camera.width, 3)
