@@ -36,9 +36,10 @@ def kept(path: str | Path, make: Callable[[], Record], *made_of: object) -> Reco
         return found[0]
     record = make()
     arrays: dict[str, np.ndarray] = {}
-    header = {"made_of": digest, "record": _encode(record, arrays)}
+    header = json.dumps({"made_of": digest, "record": _encode(record, arrays)}).encode()
+    arrays["header"] = np.frombuffer(header, np.uint8)
     with atomic_path(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, header=np.frombuffer(json.dumps(header).encode(), np.uint8), **arrays)
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
     return record
 
 
@@ -51,7 +52,7 @@ def library_hash() -> str:
 def _read(path: Path, digest: str) -> tuple[Any] | None:
     """The record, in a tuple because it may be None itself; None for a file that is missing, damaged or out of date."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             header = json.loads(file["header"].tobytes())
             return (_decode(header["record"], file),) if header["made_of"] == digest else None
     except Exception:  # what damaged bytes make numpy, zipfile and json raise has no common type
