@@ -171,7 +171,7 @@ def design(
 
 def _tells_ambient(rows: np.ndarray, inverse_scale: np.ndarray, is_dark: np.ndarray, limit: float) -> bool:
     """Whether ambient light can be told from indirect: a lights-off frame, or intensities that differ enough (trap 6)."""
-    if is_dark.any() and not is_dark.all():
+    if is_dark.any():  # also where all are dark: then ambient light is all there is
         return True
     joined = np.column_stack([rows, inverse_scale])
     lengths = np.linalg.norm(joined, axis=0)

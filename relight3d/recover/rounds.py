@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relight3d.camera import Camera
-from relight3d.maths.least_squares import Solution, robust_weights
+from relight3d.maths.least_squares import Solution, robust_weights, weighted_median
 from relight3d.records import Lobe, Mirror, Observations, PatchMesh, PixelMap, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import detail, diffuse, indirect, mirror, specular, texture
 from relight3d.tracing import RayScene
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from relight3d.recover.run import RecoverOptions
 
 log = logging.getLogger("relight3d")
+MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
 EDGE_TRUST = 0.03  # of a pixel on an outline, which mixes two surfaces: enough to fill it, too little to decide
 MIN_INTERIOR = 150  # points off the outlines that a surface's lobes are fitted to alone
 
@@ -147,12 +148,14 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         albedo, information = diffuse.pixel_albedo(
             observed, target, weight, direct, None if first and step == 0 else fitted.irradiance
         )
-        mean = surface_medians(albedo, information * observed.is_interior[:, None], stage.surface, num)
+        mean = surface_medians(albedo, information * _edge_trust(observed), stage.surface, num)
         if step == (steps - 1 if first else 0):
             # Not before the indirect light is known: what it does to a pixel looks like texture.
             fitted = _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
-        known = fitted.is_textured[stage.surface][:, None] & (information > 0)
-        relative = np.where(known, albedo / np.maximum(mean[stage.surface], 1e-6), 1.0).astype(np.float32)
+        # A pixel that was lit faintly, or only grazed, leans on its surface's mean.
+        faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
+        known = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
+        relative = (1.0 + known * (albedo / np.maximum(mean[stage.surface], 1e-6) - 1.0)).astype(np.float32)
         border = diffuse.border_albedo(pairs, observed, target, direct, relative, stage.surface, num, options.diffuse)
         joint = _joint(stage, observed, target, weight, direct, relative)
         scale, _, words = diffuse.surface_scale(border, joint, mean)
@@ -210,7 +213,7 @@ def strongest(lights: tuple):
 def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.ndarray:
     """What the diffuse fits believe: clear of borders and outlines, off the highlights, robustly trusted."""
     weight = observed.weight * observed.is_safe * stage.is_matte
-    weight = weight * np.where(observed.is_interior, 1.0, EDGE_TRUST)
+    weight = weight * _edge_trust(observed)[:, 0]
     if observed.thrown is not None and fitted.solution is None:
         # The mirrors' reflectance is not known yet, so what they throw is left out.
         weight = weight * ~(observed.thrown.max(axis=(0, 3)) > 0)
@@ -229,21 +232,30 @@ def dark_weights(radiance: np.ndarray, white: float) -> np.ndarray:
     return ((floor / (gray + floor)) ** 2).astype(np.float32)
 
 
+def _edge_trust(observed: Observations) -> np.ndarray:
+    return np.where(observed.is_interior, 1.0, EDGE_TRUST)[:, None]
+
+
 def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
-    """The median albedo of each surface over the points that say something; 0 for a surface that nobody sees."""
+    """The median albedo of each surface by what its points have to say; 0 for a surface that nobody sees.
+
+    By information, since a point that the light grazes turns any indirect light into albedo.
+    """
     out = np.zeros((num, 3))
     for s in range(num):
-        mine = (surface == s) & (information.min(axis=1) > 0)
-        if mine.any():
-            out[s] = np.median(albedo[mine], axis=0)
+        mine = np.flatnonzero(surface == s)
+        out[s] = [weighted_median(albedo[mine, c], information[mine, c].astype(np.float64)) for c in range(3)]
     return out
 
 
 def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted: Fitted) -> Fitted:
     """Which surfaces are textured (1.1.1), and which keep an albedo per pixel: those whose left-out photographs gain."""
     options = stage.options.texture
+    glare = observed.is_highlight
+    if fitted.specular is not None:
+        glare = glare | (fitted.specular.mean(axis=2) > 0.05 * np.abs(target).mean(axis=2))
     measured = texture.difference_measure(
-        replace(observed, radiance=target), stage.points, stage.surface, albedo, stage.camera, len(mean), options
+        replace(observed, radiance=target, is_highlight=glare), stage.points, stage.surface, albedo, stage.camera, len(mean), options
     )
     shows = np.array([m.is_textured(options) for m in measured])
     light = direct + fitted.irradiance

@@ -166,7 +166,23 @@ def read_training(capture: Capture, mesh: PatchMesh, points: ShadingPoints) -> T
         raise InputError("photographs", "no valid pixel on the mesh", "a mask that leaves some of the mesh")
     radiance[~is_valid] = 0.0
     lights = tuple(tuple(light.translated(-mesh.center) for light in p.lights) for p in training)
-    return Training(radiance, is_valid, lights, exposure_of(radiance[is_valid]))
+    exposure = exposure_of(radiance[is_valid])
+    return Training(*average_repeats(radiance, is_valid, lights), exposure)
+
+
+def average_repeats(radiance: np.ndarray, is_valid: np.ndarray, lights: tuple) -> tuple[np.ndarray, np.ndarray, tuple]:
+    """Photographs under the same lights made one: less noise, and no fit is tested on a copy of what it was fitted to.
+
+    Leaving a photograph out says nothing while its twin stays in: every effect would seem to earn its place.
+    """
+    keys = [repr([light.to_dict() for light in each]) for each in lights]
+    groups = [[i for i, key in enumerate(keys) if key == one] for one in dict.fromkeys(keys)]
+    if len(groups) == len(lights):
+        return radiance, is_valid, lights
+    count = np.stack([is_valid[g].sum(axis=0) for g in groups])
+    total = np.stack([radiance[g].sum(axis=0) for g in groups])
+    mean = (total / np.maximum(count, 1)[..., None]).astype(np.float32)
+    return mean, count > 0, tuple(lights[g[0]] for g in groups)
 
 
 def is_saturated(picture: np.ndarray) -> np.ndarray:
