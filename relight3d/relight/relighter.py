@@ -1,42 +1,134 @@
 """The relighter: everything that does not depend on the light is made once, then each frame is lights only."""
 
+import logging
 import time
+from collections.abc import Iterable
+from dataclasses import asdict
+from functools import partial
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from relight3d.camera import Camera
 from relight3d.forward import gather_pixels, shade_points
 from relight3d.lights import Light
-from relight3d.records import Frame, RelightModel, Stats, Terms
+from relight3d.records import Decision, Frame, PatchMesh, RelightModel, Stats, Terms
+from relight3d.relight.options import RelightOptions, preset_options
+from relight3d.relight.plan import plan_of_view, restrict
 from relight3d.shading import ray_scene
-from relight3d.views import build_view
+from relight3d.tracing import RayScene
+from relight3d.views import View, ViewOptions, build_view
+
+logger = logging.getLogger(__name__)
+
+# A mesh's ray scene serves every relighter of it: a path of cameras builds it once.
+_scenes: "WeakKeyDictionary[PatchMesh, RayScene]" = WeakKeyDictionary()
 
 
 class Relighter:
-    """Relights a model from one viewpoint: the captured one, or `camera`."""
+    """Relights a model from one viewpoint: the captured one, or `camera`.
 
-    def __init__(self, model: RelightModel, camera: Camera | None = None) -> None:
-        self.model = model
-        self.camera = camera or model.camera
-        self._scene = ray_scene(model.mesh)
-        self.view = build_view(self._scene, model, self.camera)
+    Settings come from `options`, or from a `preset` ("fast", "balanced", "exact"), or from `budget_ms`: the most
+    accurate preset whose frame fits the time on this machine. Raises InputError for two of them at once.
+    """
 
-    def render(self, lights: list[Light] | tuple[Light, ...]) -> Frame:
-        """Linear radiance under the lights (world coordinates)."""
+    def __init__(
+        self,
+        model: RelightModel,
+        camera: Camera | None = None,
+        options: RelightOptions | None = None,
+        budget_ms: float | None = None,
+        preset: str | None = None,
+    ) -> None:
+        from relight3d.relight.budget import one_of_three, within_budget
+
+        one_of_three(options, budget_ms, preset)
+        self.given_model = model
+        self._notes: tuple[str, ...] = ()
+        self._apply(options or preset_options(preset or "exact"), camera or model.camera)
+        if budget_ms is not None:
+            chosen, self._notes = within_budget(self, budget_ms)
+            self._apply(chosen, self.camera)
+
+    def _apply(self, options: RelightOptions, camera: Camera) -> None:
+        self.options = options
+        self.model = restrict(self.given_model, options)
+        mesh = self.model.mesh
+        if mesh not in _scenes:
+            _scenes[mesh] = ray_scene(mesh)
+        self._scene = _scenes[mesh]
+        self.set_camera(camera)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Look from elsewhere: trace the view and pack it anew."""
         start = time.perf_counter()
-        view, model = self.view, self.model
-        centred = [light.translated(-model.mesh.center) for light in lights]
-        shaded = shade_points(self._scene, model, view, centred)
-        picture = gather_pixels(model, view, centred, shaded)
-        total = np.maximum(sum(picture), 0.0)
-        stats = Stats(
-            {"shade": 1e3 * (time.perf_counter() - start)},
-            {"shadow": shaded.num_rays, "thrown": shaded.num_thrown_rays, "border": shaded.num_border_rays},
-        )
+        self.camera = camera
+        self.view = _view(self._scene, self.model, camera, self.options)
+        engine = _engine_class(self.options.backend)
+        self._engine = None if engine is None else engine(self._scene, self.model, self.view, self.options)
+        self.view_ms = 1e3 * (time.perf_counter() - start)
+
+    def render(self, lights: Iterable[Light]) -> Frame:
+        """Linear radiance under the lights (world coordinates)."""
+        from relight3d.relight.light_rows import expanded
+
+        center = self.model.mesh.center
+        centred, effects = expanded([light.translated(-center) for light in lights], self.options.light_samples)
+        if self._engine is not None:
+            radiance, milliseconds, rays = self._engine.render(centred, effects)
+        else:
+            radiance, milliseconds, rays = self._render_with_numpy(centred)
+        height, width = self.camera.height, self.camera.width
+        settings = asdict(self.options) | {"view_ms": self.view_ms, "view_rays": self.view.num_rays}
         return Frame(
-            total.reshape(self.camera.height, self.camera.width, 3),
-            view.is_hit,
-            model.exposure,
-            stats,
-            Terms(None, None, None, None),
+            radiance.reshape(height, width, 3),
+            self.view.is_hit,
+            self.model.exposure,
+            Stats(milliseconds, rays, settings, self._notes),
+            partial(_terms, self._scene, self.model, self.view, self.options, centred),
         )
+
+    @property
+    def plan(self) -> tuple[Decision, ...]:
+        """Which effects run on which surfaces, and why: the model's evidence, then what options and view leave out."""
+        return plan_of_view(self.given_model, self.model, self.view, self.options)
+
+    def _render_with_numpy(self, lights: list[Light]) -> tuple[np.ndarray, dict[str, float], dict[str, int]]:
+        start = time.perf_counter()
+        options = self.options
+        shaded = shade_points(self._scene, self.model, self.view, lights, options.shadows != "off", options.borders)
+        picture = gather_pixels(self.model, self.view, lights, shaded)
+        rays = {"shadow": shaded.num_rays, "border": shaded.num_border_rays, "thrown": shaded.num_thrown_rays}
+        return np.maximum(sum(picture), 0.0), {"shade": 1e3 * (time.perf_counter() - start)}, rays
+
+
+def _view(scene: RayScene, model: RelightModel, camera: Camera, options: RelightOptions) -> View:
+    return build_view(scene, model, camera, ViewOptions(options.edge_samples, options.max_bounces))
+
+
+def _engine_class(backend: str):
+    """The compiled engine; None for the NumPy reference, which also serves where numba is missing."""
+    if backend == "numpy":
+        return None
+    try:
+        from relight3d.relight.engine import Engine
+    except ImportError:
+        if backend == "numba":
+            raise
+        logger.info("no numba: frames come from the NumPy reference")
+        return None
+    return Engine
+
+
+def _terms(scene: RayScene, model: RelightModel, view: View, options: RelightOptions, lights: list[Light]) -> Terms:
+    """The frame's parts, by the readable reference: traced shadows, whatever the frame's own were."""
+    shaded = shade_points(scene, model, view, lights, options.shadows != "off", options.borders)
+    picture = gather_pixels(model, view, lights, shaded)
+    shape = (view.camera.height, view.camera.width, 3)
+    has_mirror = bool(view.is_mirrored.any()) or len(view.miss_pixel) > 0
+    return Terms(
+        direct=picture.direct.reshape(shape),
+        specular=picture.specular.reshape(shape) if any(model.lobes) else None,
+        indirect=picture.indirect.reshape(shape) if model.indirect or model.residual else None,
+        mirror=picture.mirror.reshape(shape) if has_mirror else None,
+    )

@@ -1,0 +1,235 @@
+"""What a frame reads and no light changes: one view's points, packed once, in the order in which kernels walk them.
+
+Points stand in blocks of 4 x 4 pixels, so that sixteen neighbours share a packet of rays; the points of one pixel stand
+together, so that a pixel is added up where it is shaded. `rank` numbers the pixels in that order. The residual's modes
+are stored sixteen pixels side by side: a vector register holds one mode of a whole block.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32
+
+from relight3d.camera import Camera
+from relight3d.forward import residual_source
+from relight3d.maths.light_basis import BASES, evaluate_basis
+from relight3d.records import Indirect, RelightModel, Residual
+from relight3d.views import View
+
+LANES = 16  # pixels side by side in a block
+MAX_DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where indirect light is kept, and how each point reads it; compact: only the sites that the view reads.
+
+    `to_basis` writes the functions of the basis in monomials of degree 0 to 3; None for a basis that is no polynomial,
+    whose functions then come from NumPy.
+    """
+
+    source: Int32[np.ndarray, "point share"]
+    share: Float32[np.ndarray, "point share"]
+    positions: Float32[np.ndarray, "site 3"]
+    coefficients: Float32[np.ndarray, "site basis 3"]
+    ambient: Float32[np.ndarray, "site 3"]
+    all_positions: Float32[np.ndarray, "any 3"]  # a spot's part of the scene is a mean over all sites
+    to_basis: Float64[np.ndarray, "basis monomial"] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The residual's modes in blocks, float32 or int16 in steps of `lit_step` and `dark_step`.
+
+    At the captured view block rows are ranks, and `source` is empty; elsewhere they are the captured points, which each
+    point of the view reads by `source` and `share`.
+    """
+
+    lit: np.ndarray  # block x mode x 3 x LANES
+    dark: np.ndarray
+    lit_step: Float32[np.ndarray, " lit"]
+    dark_step: Float32[np.ndarray, " dark"]
+    source: Int32[np.ndarray, "point 4"]
+    share: Float32[np.ndarray, "point 4"]
+
+    @property
+    def num_bytes(self) -> int:
+        return self.lit.nbytes + self.dark.nbytes
+
+
+@dataclass(frozen=True, eq=False)
+class Buffers:
+    """Structure of arrays over the points of a view, and over its pixels by rank."""
+
+    position: Float32[np.ndarray, "point 3"]
+    geometric_normal: Float32[np.ndarray, "point 3"]
+    normal: Float32[np.ndarray, "point 3"]
+    to_viewer: Float32[np.ndarray, "point 3"]
+    diffuse: Float32[np.ndarray, "point 3"]  # albedo / pi * throughput
+    gloss: Float32[np.ndarray, "point 3"]  # lobe gain * throughput
+    lobe_range: Int32[np.ndarray, "point 2"]  # rows of `lobes`
+    lobes: Float32[np.ndarray, "lobe 12"]
+    step: Float32[np.ndarray, "point 2 3"]
+    neighbour: Int32[np.ndarray, "point 4"]
+    point_start: Int32[np.ndarray, " rank_and_end"]  # the points of rank r: point_start[r] to point_start[r + 1]
+    pixel_of_rank: Int32[np.ndarray, " rank"]
+    sites: Sites | None
+    modes: Modes | None
+    order: Int32[np.ndarray, " point"]  # which point of the view each one is
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the buffers take."""
+        parts = [v for v in vars(self).values() if isinstance(v, np.ndarray)]
+        parts += [v for v in vars(self.sites).values() if isinstance(v, np.ndarray)] if self.sites else []
+        return sum(part.nbytes for part in parts) + (self.modes.num_bytes if self.modes else 0)
+
+
+def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Buffers:
+    """The view's points in blocks, with everything that a frame reads of them."""
+    points = view.points
+    order, pixel_of_rank, start = _block_order(view)
+    place = np.empty(len(order) + 1, np.int32)  # old index -> new; the last entry serves -1
+    place[order], place[-1] = np.arange(len(order), dtype=np.int32), -1
+    lobes, lobe_range = _lobe_table(model)
+    diffuse = view.albedo * view.throughput / np.float32(np.pi)
+    return Buffers(
+        position=points.position[order],
+        geometric_normal=points.geometric_normal[order],
+        normal=view.normal[order],
+        to_viewer=points.to_viewer[order],
+        diffuse=diffuse[order],
+        gloss=(view.lobe_gain[:, None] * view.throughput)[order],
+        lobe_range=lobe_range[view.surface[order]],
+        lobes=lobes,
+        step=view.step[order],
+        neighbour=place[view.neighbour[order]],
+        point_start=start,
+        pixel_of_rank=pixel_of_rank,
+        sites=None if model.indirect is None else _sites(model, model.indirect, view, order),
+        modes=None if model.residual is None else _modes(model, model.residual, view, order, pixel_of_rank, precision),
+        order=order,
+    )
+
+
+def _block_order(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points by block of 4 x 4 pixels and pixel; the pixels that have points, in that order; where each one's begin."""
+    width = view.camera.width
+    key = block_rank(view.camera)[view.points.pixel]
+    order = np.argsort(key, kind="stable").astype(np.int32)
+    pixel = view.points.pixel[order]
+    first = np.flatnonzero(np.diff(pixel, prepend=-1) != 0)
+    assert width > 0
+    return order, pixel[first], np.append(first, len(pixel)).astype(np.int32)
+
+
+def block_rank(camera: Camera) -> Int32[np.ndarray, " pixel"]:
+    """Where each pixel stands when the picture is walked in blocks of 4 x 4."""
+    y, x = np.divmod(np.arange(camera.num_pixels, dtype=np.int32), np.int32(camera.width))
+    blocks_wide = -(-camera.width // 4)
+    return (((y // 4) * blocks_wide + x // 4) * 16 + (y % 4) * 4 + x % 4).astype(np.int32)
+
+
+def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of colour, axes, exponent, tangent, isotropy and the base below which a lobe is dark; rows per surface."""
+    rows, ends = [], [0]
+    for lobes in model.lobes:
+        for lobe in lobes:
+            isotropic = float(lobe.axes[0] == lobe.axes[1])
+            # exp(-20) = 2e-9 of the peak: below it a power is not worth its logarithm.
+            dark = np.exp(-20.0 / max(lobe.exponent, 1e-6))
+            rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, isotropic, dark])
+        ends.append(len(rows))
+    table = np.array(rows, np.float32).reshape(-1, 12)
+    return table, np.stack([ends[:-1], ends[1:]], axis=1).astype(np.int32)
+
+
+# --------------------------------------------------------------------------------------- indirect light
+
+
+def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarray) -> Sites:
+    mesh, points = model.mesh, view.points
+    if indirect.site == "vertex":
+        source, share = mesh.faces[points.face[order]], points.barycentric[order]
+        positions = mesh.centered_vertices
+    elif indirect.site == "face":
+        source, share = points.face[order, None], np.ones((len(order), 1), np.float32)
+        positions = mesh.centered_vertices[mesh.faces].mean(axis=1)
+    else:
+        source, share = np.maximum(view.source[order], 0), view.share[order]
+        positions = model.pixels.points.position
+    used = np.zeros(len(positions), bool)
+    used[source] = True
+    rows = np.flatnonzero(used)
+    compact = (np.cumsum(used) - 1).astype(np.int32)
+    return Sites(
+        source=compact[source],
+        share=np.ascontiguousarray(share, np.float32),
+        positions=np.ascontiguousarray(positions[rows], np.float32),
+        coefficients=np.ascontiguousarray(indirect.coefficients[rows], np.float32),
+        ambient=np.ascontiguousarray(indirect.ambient[rows], np.float32),
+        all_positions=positions,
+        to_basis=_polynomial(indirect.basis),
+    )
+
+
+def monomials(omega: Float64[np.ndarray, "light 3"]) -> Float64[np.ndarray, "light monomial"]:
+    """x^i y^j z^k for i + j + k <= 3, in the order that the kernel makes them."""
+    x, y, z = omega.T
+    powers = [(i, j, k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)]
+    return np.stack([x**i * y**j * z**k for i, j, k in powers], axis=1)
+
+
+def _polynomial(basis: str) -> Float64[np.ndarray, "basis monomial"] | None:
+    """The basis in monomials; None where it is no polynomial of degree 3 on the sphere."""
+    rng = np.random.default_rng(0)
+    omega = rng.normal(size=(400, 3))
+    omega /= np.linalg.norm(omega, axis=1, keepdims=True)
+    wanted, rows = evaluate_basis(basis, omega), monomials(omega)
+    # On the sphere x^2 + y^2 + z^2 = 1 ties the monomials: minimum norm picks one of many equal answers.
+    matrix = np.linalg.lstsq(rows, wanted, rcond=1e-10)[0]
+    assert wanted.shape[1] == BASES[basis]
+    return np.ascontiguousarray(matrix.T) if np.abs(rows @ matrix - wanted).max() < 1e-9 else None
+
+
+# --------------------------------------------------------------------------------------- residual
+
+
+def _modes(
+    model: RelightModel, residual: Residual, view: View, order: np.ndarray, pixel_of_rank: np.ndarray, precision: str
+) -> Modes:
+    captured = view.camera.same_as(model.camera)
+    if captured:
+        row_of_pixel = np.full(view.camera.num_pixels, -1, np.int32)
+        row_of_pixel[model.pixels.points.pixel] = np.arange(len(model.pixels.points), dtype=np.int32)
+        rows = row_of_pixel[pixel_of_rank]
+        source, share = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
+    else:
+        rows = np.arange(len(model.pixels.points), dtype=np.int32)
+        source, share = residual_source(model, view)
+        counts = np.bincount(view.points.pixel, minlength=view.camera.num_pixels)[view.points.pixel]
+        source, share = np.maximum(source, 0)[order], (share / counts[:, None])[order].astype(np.float32)
+    lit, lit_step = _in_blocks(residual.lit_modes, rows, precision)
+    dark, dark_step = _in_blocks(residual.dark_modes, rows, precision)
+    return Modes(lit, dark, lit_step, dark_step, source, share)
+
+
+def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.ndarray, np.ndarray]:
+    """modes[rows] as block x mode x 3 x LANES, and the step of each mode; rows below 0 and the padding are zero."""
+    num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
+    step = np.ones(num_modes, np.float32)
+    if precision == "int16" and modes.size:
+        step = (np.maximum(np.abs(modes).max(axis=(0, 2)), 1e-30) / 32767).astype(np.float32)
+    out = np.zeros((num_blocks, num_modes, 3, LANES), np.int16 if precision == "int16" else np.float32)
+    for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
+        part = rows[first * LANES : (first + 256) * LANES]
+        values = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
+        if precision == "int16":
+            values = np.rint(values / step[None, :, None]).astype(np.int16)
+        padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), out.dtype)
+        padded[: len(part)] = values
+        out[first : first + 256] = padded.reshape(-1, LANES, num_modes, 3).transpose(0, 2, 3, 1)
+    return out, step

@@ -1,0 +1,196 @@
+"""The compiled engine: a frame is shadow rays, one small indirect product, and one fused shading pass."""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
+
+from relight3d.forward import background_radiance, dark_residual
+from relight3d.lights import Light
+from relight3d.maths.light_basis import evaluate_basis, within_reach
+from relight3d.records import RelightModel
+from relight3d.relight import kernels
+from relight3d.relight.buffers import LANES, Sites, pack_view
+from relight3d.relight.light_rows import light_row
+from relight3d.relight.options import RelightOptions
+from relight3d.relight.shadows import Shadows, tiles
+from relight3d.shading import mirrored_light, residual_kernel
+from relight3d.tracing import RayScene, over_threads
+from relight3d.views import View
+
+EMPTY = np.zeros((0, 3), np.float32)
+NO_IMAGES = np.zeros((0, 0, 6), np.float32)
+NO_WEIGHTS = np.zeros((0, 0), np.float32)
+NO_BLOCKS = np.zeros((0, 0, 3, LANES), np.float32)
+NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
+
+
+class Result(NamedTuple):
+    """A frame's radiance, milliseconds and rays by effect."""
+
+    radiance: Float32[np.ndarray, "pixel 3"]
+    milliseconds: dict[str, float]
+    rays: dict[str, int]
+
+
+class Engine:
+    """One view of a model, ready for any lights."""
+
+    def __init__(self, scene: RayScene, model: RelightModel, view: View, options: RelightOptions) -> None:
+        self.model, self.view, self.options = model, view, options
+        self.buffers = pack_view(model, view, options.precision)
+        self.shadows = Shadows(scene, model, view, self.buffers, options)
+        # Whole blocks of the residual in every tile.
+        self._tiles = tiles(len(self.buffers.pixel_of_rank), LANES)
+        self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
+
+    def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
+        """Radiance under lights in centred coordinates, each with some power and none of them extended.
+
+        `effects` names what each light's shadow rays are counted as: "shadow", or "soft" for an extended light's sample.
+        """
+        clock = _Clock()
+        self.shadows.start_frame(len(lights) * (1 + len(self._thrown)))
+        effects = ["shadow"] * len(lights) if effects is None else effects
+        seen = [self.shadows.seen(light, effect) for light, effect in zip(lights, effects)]
+        rows = [light_row(light) for light in lights]
+        clock.lap("shadow")
+        for k in self._thrown:
+            seen += [self.shadows.thrown(light, k) for light in lights]
+            rows += [self._virtual_row(light, k) for light in lights]
+            clock.lap("thrown")
+        irradiance = EMPTY if self.buffers.sites is None else self._irradiance(self.buffers.sites, lights)
+        clock.lap("indirect")
+        weights = self._residual_weights(lights)
+        images = self._residual_images(*weights)
+        clock.lap("residual")
+        out = self._behind_mirrors(lights)
+        all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(-1, len(self.buffers))
+        self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, irradiance, weights, images, out)
+        clock.lap("shade")
+        return Result(out, clock.milliseconds, dict(self.shadows.rays))
+
+    def _virtual_row(self, light: Light, mirror_index: int) -> np.ndarray:
+        mirror = self.model.mirrors[mirror_index]
+        row = light_row(mirrored_light(light, mirror))
+        row[kernels.COLOR : kernels.COLOR + 3] *= mirror.reflectance.astype(np.float32)
+        return row
+
+    def _shade(self, rows, seen, irradiance, weights, images, out) -> None:
+        b, modes, sites = self.buffers, self.buffers.modes, self.buffers.sites
+        own = modes is not None and len(images) == 0
+        lit, dark = (modes.lit, modes.dark) if own else (NO_BLOCKS, NO_BLOCKS)
+        lit_weights, dark_weights = weights if own else (NO_WEIGHTS, NO_WEIGHTS)
+        source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
+        site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
+
+        def shade(part: slice) -> None:
+            kernels.shade(
+                part.start, part.stop, rows, seen, b.position, b.normal, b.to_viewer, b.diffuse, b.gloss,
+                b.lobe_range, b.lobes, b.point_start, b.pixel_of_rank, *site, irradiance, lit, dark,
+                lit_weights, dark_weights, source, share, images, out,
+            )  # fmt: skip
+
+        over_threads(shade, self._tiles)
+
+    # ------------------------------------------------------------------------------------- indirect
+
+    def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 3"]:
+        indirect = self.model.indirect
+        assert indirect is not None
+        far = np.zeros((sites.coefficients.shape[1], 3))
+        ambient, places, powers = sites.ambient, [], []
+        for light in lights:
+            if light.kind == "directional":
+                to_light = np.asarray(light.to_light)[None]
+                direction, _ = within_reach(to_light, indirect.anchors, indirect.reach_rad)
+                far += evaluate_basis(indirect.basis, direction)[0][:, None] * light.power
+            elif sites.to_basis is not None:
+                places.append(light.position)
+                powers.append(light.power * self._part(light, sites))
+            else:
+                ambient = ambient + self._without_polynomial(light, sites)
+        polynomial = sites.to_basis if sites.to_basis is not None else np.zeros((0, 20))
+        out = np.empty((len(ambient), 3), np.float32)
+        lamps = (np.array(places).reshape(-1, 3), np.array(powers).reshape(-1, 3))
+        reach = (np.ascontiguousarray(indirect.anchors), float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
+
+        def evaluate(part: slice) -> None:
+            kernels.site_irradiance(
+                part.start, part.stop, sites.coefficients, ambient, far.astype(np.float32), *lamps, *reach,
+                indirect.softening, sites.positions, polynomial, out,
+            )  # fmt: skip
+
+        over_threads(evaluate, tiles(len(out)))
+        return out
+
+    @staticmethod
+    def _part(light: Light, sites: Sites) -> float:
+        """The part of the scene that a spot lights, shading.light_strength; 1 for lamps without a cone."""
+        if light_row(light)[kernels.CONE_POWER] == 0:
+            return 1.0
+        to_light = light.incident(sites.all_positions.astype(np.float64)).to_light
+        return float(np.mean(light.cone(to_light)))  # type: ignore[union-attr]
+
+    def _without_polynomial(self, light: Light, sites: Sites) -> Float32[np.ndarray, "site 3"]:
+        indirect = self.model.indirect
+        assert indirect is not None
+        to_light, _, distance = light.incident(sites.positions.astype(np.float64))
+        direction, _ = within_reach(to_light, indirect.anchors, indirect.reach_rad)
+        strength = self._part(light, sites) / np.maximum(distance, indirect.softening) ** 2
+        rows = evaluate_basis(indirect.basis, direction) * strength[:, None]
+        return (np.einsum("nbc,nb->nc", sites.coefficients, rows) * light.power).astype(np.float32)
+
+    # ------------------------------------------------------------------------------------- residual
+
+    def _residual_weights(self, lights: list[Light]) -> tuple[np.ndarray, np.ndarray]:
+        modes, residual, indirect = self.buffers.modes, self.model.residual, self.model.indirect
+        if modes is None or residual is None:
+            return NO_WEIGHTS, NO_WEIGHTS
+        softening = indirect.softening if indirect is not None else 0.5 * self.model.mesh.radius
+        pairs = [residual_kernel(residual, light, softening) for light in lights]
+        lit = np.array([p[0] for p in pairs], np.float32).reshape(-1, len(modes.lit_step)) * modes.lit_step
+        dark = np.array([p[1] for p in pairs], np.float32).reshape(-1, len(modes.dark_step)) * modes.dark_step
+        return lit, dark
+
+    def _residual_images(self, lit_weights: np.ndarray, dark_weights: np.ndarray) -> np.ndarray:
+        modes = self.buffers.modes
+        if modes is None or len(modes.source) == 0 or len(lit_weights) == 0:
+            return NO_IMAGES
+        images = np.empty((len(lit_weights), len(self.model.pixels.points), 6), np.float32)
+
+        def read(part: slice) -> None:
+            for k in range(len(images)):
+                kernels.residual_images(
+                    part.start, part.stop, modes.lit, modes.dark, lit_weights[k], dark_weights[k], images[k]
+                )
+
+        blocks = [slice(t.start // LANES, -(-t.stop // LANES)) for t in tiles(images.shape[1], LANES)]
+        over_threads(read, blocks)
+        return images
+
+    def _behind_mirrors(self, lights: list[Light]) -> Float32[np.ndarray, "pixel 3"]:
+        """What pixels show before any point: the surroundings that mirrors show, where they do."""
+        view, model = self.view, self.model
+        out = np.zeros((view.camera.num_pixels, 3), np.float32)
+        if len(view.miss_pixel) and (model.background is not None or model.residual is not None):
+            radiance = background_radiance(model, view, lights) + dark_residual(model, view, lights)
+            np.add.at(out, view.miss_pixel, radiance * view.miss_throughput[:, None])
+            alone = np.ones(len(out), bool)
+            alone[self.buffers.pixel_of_rank] = False
+            out[alone] = np.maximum(out[alone], 0.0)  # the others are clamped when their points are in
+        return out
+
+
+class _Clock:
+    """Milliseconds between laps, added up by name."""
+
+    def __init__(self) -> None:
+        self.milliseconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + 1e3 * (now - self._last)
+        self._last = now

@@ -1,0 +1,255 @@
+"""The compiled loops of a frame. Each walks a slice of the points and holds no lock, so that tiles run on any thread.
+
+They compute what forward.py computes, in float32 and in its order where a comparison hangs on it; no fast maths, so
+that a NaN stays one. A light is one row of numbers (`light_row`), for power 1 but for its colour.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters are exact
+# Columns of a light's row: place or direction, colour, the cone's axis, cosine, scale and power.
+KIND, PLACE, COLOR, AXIS, CONE_COSINE, CONE_SCALE, CONE_POWER, HAS_RESIDUAL = 0, 1, 4, 7, 10, 11, 12, 13
+ROW = 14
+AT_INFINITY = 0.0
+ONE, ZERO, TINY, SMALL = np.float32(1), np.float32(0), np.float32(1.1754944e-38), np.float32(1.0842022e-19)
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def dot(a, i, x, y, z):
+    return a[i, 0] * x + a[i, 1] * y + a[i, 2] * z
+
+
+@numba.njit(nogil=True, cache=True)
+def incident(light, x, y, z):
+    """Unit direction to the light, falloff for power 1, distance, at a point."""
+    if light[KIND] == AT_INFINITY:
+        return light[PLACE], light[PLACE + 1], light[PLACE + 2], ONE, np.float32(1e30)
+    dx, dy, dz = light[PLACE] - x, light[PLACE + 1] - y, light[PLACE + 2] - z
+    squared = dx * dx + dy * dy + dz * dz
+    distance = np.float32(math.sqrt(squared))
+    inverse = ONE / max(distance, SMALL)
+    dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
+    falloff = ONE / max(squared, TINY) if squared > TINY else ZERO
+    if light[CONE_POWER] > 0:
+        cosine = -(dx * light[AXIS] + dy * light[AXIS + 1] + dz * light[AXIS + 2])
+        ramp = min(max((cosine - light[CONE_COSINE]) * light[CONE_SCALE], ZERO), ONE)
+        falloff *= ramp * ramp if light[CONE_POWER] > 1 else ramp
+    return dx, dy, dz, falloff, distance
+
+
+@numba.njit(nogil=True, cache=True)
+def _lobe(lobes, k, normal, p, lx, ly, lz, vx, vy, vz):
+    """The value of a lobe of colour 1, eq. (4)."""
+    nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
+    u_n, v_n = nx * lx + ny * ly + nz * lz, nx * vx + ny * vy + nz * vz
+    if lobes[k, 10] > 0:
+        base = lobes[k, 3] * (lx * vx + ly * vy + lz * vz - u_n * v_n) + lobes[k, 5] * u_n * v_n
+    else:
+        sign = ONE if nz >= 0 else -ONE  # the frame of Duff et al. (2017), as maths.lafortune.tangent_frame
+        a = -ONE / (sign + nz)
+        tx, ty, tz = ONE + sign * nx * nx * a, sign * nx * ny * a, -sign * nx
+        ax, ay, az = lobes[k, 7], lobes[k, 8], lobes[k, 9]
+        along = nx * ax + ny * ay + nz * az
+        px, py, pz = ax - nx * along, ay - ny * along, az - nz * along
+        length = math.sqrt(px * px + py * py + pz * pz)
+        if length > 1e-4:
+            tx, ty, tz = np.float32(px / length), np.float32(py / length), np.float32(pz / length)
+        bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+        base = lobes[k, 3] * (tx * lx + ty * ly + tz * lz) * (tx * vx + ty * vy + tz * vz)
+        base += lobes[k, 4] * (bx * lx + by * ly + bz * lz) * (bx * vx + by * vy + bz * vz)
+        base += lobes[k, 5] * u_n * v_n
+    if not base > lobes[k, 11]:
+        return ZERO
+    return np.float32(math.exp(lobes[k, 6] * math.log(min(base, ONE))))
+
+
+@numba.njit(nogil=True, cache=True)
+def _shade_point(p, lights, seen, position, normal, to_viewer, diffuse, gloss, lobe_range, lobes, lane, out):
+    """Adds the direct light and the lobes of one point to out[:, lane]."""
+    x, y, z = position[p, 0], position[p, 1], position[p, 2]
+    for light in range(len(lights)):
+        if seen[light, p] == 0:
+            continue
+        row = lights[light]
+        lx, ly, lz, falloff, _ = incident(row, x, y, z)
+        form = falloff * max(dot(normal, p, lx, ly, lz), ZERO) * (np.float32(seen[light, p]) / np.float32(FULL))
+        if not form > 0:
+            continue
+        red, green, blue = ZERO, ZERO, ZERO
+        for k in range(lobe_range[p, 0], lobe_range[p, 1]):
+            value = _lobe(lobes, k, normal, p, lx, ly, lz, to_viewer[p, 0], to_viewer[p, 1], to_viewer[p, 2])
+            red += value * lobes[k, 0]
+            green += value * lobes[k, 1]
+            blue += value * lobes[k, 2]
+        out[0, lane] += form * row[COLOR] * (diffuse[p, 0] + gloss[p, 0] * red)
+        out[1, lane] += form * row[COLOR + 1] * (diffuse[p, 1] + gloss[p, 1] * green)
+        out[2, lane] += form * row[COLOR + 2] * (diffuse[p, 2] + gloss[p, 2] * blue)
+
+
+@numba.njit(nogil=True, cache=True)
+def _add_modes(modes, block, weights, share, color, out):
+    """Adds a block's modes, weighted for one light, to out, each lane by its share."""
+    total = np.zeros((3, 16), np.float32)
+    for k in range(len(weights)):
+        weight = weights[k]
+        for c in range(3):
+            for lane in range(16):
+                total[c, lane] += weight * np.float32(modes[block, k, c, lane])
+    for c in range(3):
+        for lane in range(16):
+            out[c, lane] += color[c] * share[lane] * total[c, lane]
+
+
+@numba.njit(nogil=True, cache=True)
+def _add_block_residual(block, ranks, start, lights, seen, lit, dark, lit_weights, dark_weights, out):
+    """The residual of sixteen pixels of the captured view: lit and dark modes by how far each pixel sees the light."""
+    first, last = ranks
+    part, rest = np.zeros(16, np.float32), np.zeros(16, np.float32)
+    for light in range(len(lit_weights)):
+        any_lit, any_dark = False, False
+        for r in range(first, last):
+            total = 0
+            for p in range(start[r], start[r + 1]):
+                total += seen[light, p]
+            part[r - first] = np.float32(total) / np.float32(FULL * (start[r + 1] - start[r]))
+            rest[r - first] = ONE - part[r - first]
+            any_lit |= part[r - first] > 0
+            any_dark |= rest[r - first] > 0
+        color = lights[light, COLOR : COLOR + 3]
+        if any_lit:
+            _add_modes(lit, block, lit_weights[light], part, color, out)
+        if any_dark:
+            _add_modes(dark, block, dark_weights[light], rest, color, out)
+
+
+@numba.njit(nogil=True, cache=True)
+def _add_read_residual(p, lights, seen, source, share, images, lane, out):
+    """The residual of a point of another view, read from the captured pixels' (`images`: lit rgb, dark rgb)."""
+    for light in range(len(images)):
+        part = np.float32(seen[light, p]) / np.float32(FULL)
+        for k in range(4):
+            if share[p, k] > 0:
+                for c in range(3):
+                    value = part * images[light, source[p, k], c] + (ONE - part) * images[light, source[p, k], 3 + c]
+                    out[c, lane] += share[p, k] * lights[light, COLOR + c] * value
+
+
+@numba.njit(nogil=True, cache=True)
+def shade(
+    first, last, lights, seen, position, normal, to_viewer, diffuse, gloss, lobe_range, lobes, start, pixel,
+    site_source, site_share, irradiance, lit, dark, lit_weights, dark_weights, source, share, images, out,
+):  # fmt: skip
+    """Radiance of the pixels of rank first..last (first a multiple of 16): every term, added up, clamped at 0.
+
+    `out` (pixel x 3) holds what else each pixel shows. Arrays of an absent effect have length 0.
+    """
+    total = np.empty((3, 16), np.float32)
+    for begin in range(first, last, 16):
+        end = min(begin + 16, last)
+        total[:] = 0
+        for r in range(begin, end):
+            lane = r - begin
+            for p in range(start[r], start[r + 1]):
+                _shade_point(
+                    p, lights, seen, position, normal, to_viewer, diffuse, gloss, lobe_range, lobes, lane, total
+                )
+                if len(irradiance):
+                    for k in range(site_source.shape[1]):
+                        weight, row = site_share[p, k], site_source[p, k]
+                        for c in range(3):
+                            total[c, lane] += weight * diffuse[p, c] * irradiance[row, c]
+                if len(images):
+                    _add_read_residual(p, lights, seen, source, share, images, lane, total)
+        if len(lit_weights):
+            _add_block_residual(
+                begin // 16, (begin, end), start, lights, seen, lit, dark, lit_weights, dark_weights, total
+            )
+        for r in range(begin, end):
+            for c in range(3):
+                value = total[c, r - begin] + out[pixel[r], c]
+                out[pixel[r], c] = ZERO if value < 0 else value  # a NaN passes, to be seen
+
+
+@numba.njit(nogil=True, cache=True)
+def residual_images(first, last, lit, dark, lit_weights, dark_weights, images):
+    """The residual of captured points in blocks first..last, lit and dark, for one light of power 1."""
+    total, one = np.empty((2, 3, 16), np.float32), np.ones(16, np.float32)
+    for block in range(first, last):
+        total[:] = 0
+        _add_modes(lit, block, lit_weights, one, one, total[0])
+        _add_modes(dark, block, dark_weights, one, one, total[1])
+        for lane in range(min(16, len(images) - 16 * block)):
+            for c in range(3):
+                images[16 * block + lane, c] = total[0, c, lane]
+                images[16 * block + lane, 3 + c] = total[1, c, lane]
+
+
+@numba.njit(nogil=True, cache=True)
+def _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine):
+    """maths.light_basis.within_reach for one direction."""
+    if len(anchors) == 0:
+        return x, y, z
+    best, nearest = -2.0, 0
+    for a in range(len(anchors)):
+        cosine = x * anchors[a, 0] + y * anchors[a, 1] + z * anchors[a, 2]
+        if cosine > best:
+            best, nearest = cosine, a
+    if best >= reach_cosine:
+        return x, y, z
+    best = max(best, -1.0)
+    ax, ay, az = anchors[nearest, 0], anchors[nearest, 1], anchors[nearest, 2]
+    sx, sy, sz = x - best * ax, y - best * ay, z - best * az
+    scale = reach_sine / max(math.sqrt(sx * sx + sy * sy + sz * sz), 1e-9)
+    mx, my, mz = reach_cosine * ax + scale * sx, reach_cosine * ay + scale * sy, reach_cosine * az + scale * sz
+    inverse = 1.0 / max(math.sqrt(mx * mx + my * my + mz * mz), 1e-12)
+    return mx * inverse, my * inverse, mz * inverse
+
+
+@numba.njit(nogil=True, cache=True)
+def site_irradiance(
+    first, last, coefficients, ambient, far_rows, places, powers, anchors, reach_cosine, reach_sine, softening,
+    positions, to_basis, out,
+):  # fmt: skip
+    """Indirect and ambient irradiance at sites first..last, eq. (7), never below 0.
+
+    `far_rows` (basis x 3) sums the functions of the lights at infinity by their colours; lamps (`places`, `powers`)
+    have other functions at every site.
+    """
+    rows, terms = np.empty(far_rows.shape, np.float32), np.empty(20, np.float64)
+    for v in range(first, last):
+        rows[:] = far_rows
+        for lamp in range(len(places)):
+            dx, dy, dz = (
+                places[lamp, 0] - positions[v, 0], places[lamp, 1] - positions[v, 1], places[lamp, 2] - positions[v, 2]
+            )  # fmt: skip
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            strength = 1.0 / max(distance, softening) ** 2
+            inverse = 1.0 / max(distance, 1e-150)
+            x, y, z = _direction_within_reach(
+                dx * inverse, dy * inverse, dz * inverse, anchors, reach_cosine, reach_sine
+            )
+            count, px = 0, 1.0
+            for i in range(4):
+                py = px
+                for j in range(4 - i):
+                    pz = py
+                    for _ in range(4 - i - j):
+                        terms[count] = pz
+                        count += 1
+                        pz *= z
+                    py *= y
+                px *= x
+            for b in range(len(to_basis)):
+                value = 0.0
+                for t in range(20):
+                    value += to_basis[b, t] * terms[t]
+                for c in range(3):
+                    rows[b, c] += np.float32(value * strength * powers[lamp, c])
+        for c in range(3):
+            total = ambient[v, c]
+            for b in range(len(rows)):
+                total += coefficients[v, b, c] * rows[b, c]
+            out[v, c] = ZERO if total < 0 else total

@@ -1,0 +1,81 @@
+"""What a frame spends its time on: every approximation a named option, and the presets that combine them."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from relight3d.errors import InputError
+
+Shadows = Literal["exact", "adaptive", "table", "off"]
+Backend = Literal["auto", "numpy", "numba"]
+Precision = Literal["float32", "int16"]
+Preset = Literal["fast", "balanced", "exact"]
+
+
+@dataclass(frozen=True)
+class RelightOptions:
+    """Settings of a Relighter. The prices of each, in error and time, are measured in docs/performance.md.
+
+    An effect that the model does not have costs nothing whatever its option says. Raises InputError for a value out
+    of range.
+    """
+
+    shadows: Shadows = "exact"  # adaptive: a lattice, refined where it disagrees; table: precomputed; off: none
+    borders: bool = True  # antialiased shadow borders: 4 more rays for each pixel on one
+    lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
+    table_directions: int = 256  # of precomputed shadows: directions over the sphere, a square number
+    light_samples: int = 16  # shadow samples of a sphere or rectangle light; other lights cost nothing by it
+    edge_samples: int = 4  # points that a pixel on an outline is cut into (a square number; 1: none)
+    max_bounces: int = 2  # mirrors followed one after the other; 0 shows mirrors black
+    thrown: bool = True  # the sharp patches of light that plane mirrors throw
+    indirect: bool = True  # indirect and ambient light
+    max_lobes: int = 8  # of a surface's highlight, strongest first; 0: diffuse
+    detail: bool = True  # perturbed normals and lobes of single pixels
+    residual: bool = True  # the interpolated misfit of the captured pixels
+    max_modes: int = 64  # of the residual, the strongest first
+    backend: Backend = "auto"  # numba where it is installed, else the NumPy reference
+    precision: Precision = "float32"  # of the residual's modes; int16 halves them (steps of 1/32767 of a mode's peak)
+    keep_lights: int = 8  # lights whose shadows are kept for frames that only change colours; a frame's own always are
+
+    def __post_init__(self) -> None:
+        _one_of("shadows", self.shadows, ("exact", "adaptive", "table", "off"))
+        _one_of("backend", self.backend, ("auto", "numpy", "numba"))
+        _one_of("precision", self.precision, ("float32", "int16"))
+        _one_of("lattice_px", self.lattice_px, (2, 4))
+        _one_of("edge_samples", self.edge_samples, (1, 4, 9, 16))
+        _one_of("table_directions", self.table_directions, (64, 144, 256, 576, 1024, 2304, 4096))
+        _between("light_samples", self.light_samples, 1, 1024)
+        _between("max_bounces", self.max_bounces, 0, 8)
+        _between("max_lobes", self.max_lobes, 0, 8)
+        _between("max_modes", self.max_modes, 0, 64)
+        _between("keep_lights", self.keep_lights, 1, 4096)
+
+
+def _one_of(field: str, value: object, allowed: tuple) -> None:
+    if value not in allowed:
+        raise InputError(field, value, f"one of {', '.join(str(each) for each in allowed)}")
+
+
+def _between(field: str, value: int, low: int, high: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise InputError(field, value, f"a whole number from {low} to {high}")
+
+
+PRESETS: dict[Preset, RelightOptions] = {
+    "fast": RelightOptions(
+        shadows="table",
+        borders=False,
+        table_directions=1024,
+        thrown=False,
+        edge_samples=1,
+        max_modes=8,
+        precision="int16",
+    ),
+    "balanced": RelightOptions(shadows="adaptive", precision="int16"),
+    "exact": RelightOptions(),
+}
+
+
+def preset_options(name: str) -> RelightOptions:
+    """The options of a named preset. Raises InputError for another name."""
+    _one_of("preset", name, tuple(PRESETS))
+    return PRESETS[name]  # type: ignore[index]

@@ -1,0 +1,230 @@
+"""How far each point of a view sees each light: traced, traced on a lattice, or looked up in a table."""
+
+from collections import OrderedDict
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8
+
+from relight3d.lights import Light
+from relight3d.records import RelightModel
+from relight3d.relight import ray_kernels
+from relight3d.relight.buffers import Buffers
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND
+from relight3d.relight.light_rows import geometry_key, light_row
+from relight3d.relight.options import RelightOptions
+from relight3d.shading import cast_thrown, mirrored_light
+from relight3d.tracing import NO_LIMITS, RayScene, num_threads, over_threads
+from relight3d.views import BORDER_PATTERN, View
+
+TILES_PER_THREAD = 4  # so that a thread that is held up leaves its work to the others
+MIN_TILE = 4096
+EVERYWHERE = np.zeros(0, bool)
+
+Seen = UInt8[np.ndarray, " point"]
+
+
+class Shadows:
+    """The shadow rays of one view, and the last lights' answers: a light that did not move casts none.
+
+    `rays` counts those of the lights asked for since `start_frame`.
+    """
+
+    def __init__(
+        self, scene: RayScene, model: RelightModel, view: View, buffers: Buffers, options: RelightOptions
+    ) -> None:
+        self._scene, self._model, self._view, self._buffers, self._options = scene, model, view, buffers, options
+        num = len(buffers)
+        self._offset = np.float32(scene.offset_distance)
+        self._tiles = tiles(num)
+        self._origins, self._ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
+        self._limits, self._index = np.empty(num, np.float32), np.empty(num, np.int32)
+        self._blocked, self._state = np.empty(num, bool), np.zeros(num, np.uint8)
+        self._kept: OrderedDict[tuple, Seen] = OrderedDict()
+        self.rays: dict[str, int] = {}
+        self._room = options.keep_lights
+
+    def start_frame(self, num_kept: int) -> None:
+        """Begin counting rays anew; the frame needs the answers of so many lights, mirrored ones counted."""
+        self.rays = {"shadow": 0, "border": 0, "thrown": 0}
+        self._room = max(num_kept, self._options.keep_lights)
+
+    def seen(self, light: Light, effect: str = "shadow") -> Seen:
+        """How far each point sees the light, of FULL; 0 where it is turned away. Rays are counted as `effect`."""
+        return self._keep((geometry_key(light),), lambda: self._cast(light_row(light), effect))
+
+    def thrown(self, light: Light, mirror_index: int) -> Seen:
+        """Which points get the light by way of a mirror."""
+        return self._keep((geometry_key(light), mirror_index), lambda: self._cast_thrown(light, mirror_index))
+
+    def _keep(self, key: tuple, make) -> Seen:
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        while len(self._kept) >= self._room:
+            self._kept.popitem(last=False)
+        self._kept[key] = make()
+        return self._kept[key]
+
+    # ------------------------------------------------------------------------------------- one light
+
+    def _cast(self, light: Float32[np.ndarray, " row"], effect: str) -> Seen:
+        seen, shadows = np.zeros(len(self._buffers), np.uint8), self._options.shadows
+        if shadows == "table":
+            self._look_up(light, seen)
+            return seen
+        if shadows == "off":
+            over_threads(lambda part: self._unshadowed(light, part, seen), self._tiles)
+            return seen
+        if shadows == "adaptive":
+            self._cast_on_lattice(light, effect, seen)
+        else:
+            self._cast_tiles(light, effect, EVERYWHERE, seen)
+        if self._options.borders:
+            self.rays["border"] += sum(over_threads(lambda part: self._cast_borders(light, part, seen), self._tiles))
+        return seen
+
+    def _cast_tiles(self, light: np.ndarray, effect: str, chosen: Bool[np.ndarray, " chosen"], seen: Seen) -> None:
+        num = sum(over_threads(lambda part: self._cast_tile(light, part, chosen, seen), self._tiles))
+        self.rays[effect] = self.rays.get(effect, 0) + num
+
+    def _cast_tile(self, light: np.ndarray, part: slice, chosen: np.ndarray, seen: Seen) -> int:
+        count = self._ask(light, part, chosen)
+        part = slice(part.start, part.start + count)
+        self._block(light, self._origins[part], self._ways[part], self._limits[part], self._blocked[part])
+        ray_kernels.settle(self._index[part], self._blocked[part], self._state, seen)
+        return count
+
+    def _ask(self, light: np.ndarray, part: slice, chosen: np.ndarray) -> int:
+        b = self._buffers
+        geometry = (b.position, b.geometric_normal, b.normal, self._offset, part.start, part.stop)
+        return ray_kernels.ask(
+            light, *geometry, chosen, self._state, self._origins, self._ways, self._limits, self._index
+        )
+
+    def _unshadowed(self, light: np.ndarray, part: slice, seen: Seen) -> None:
+        count = self._ask(light, part, EVERYWHERE)
+        seen[self._index[part.start : part.start + count]] = FULL
+
+    def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
+        if light[KIND] == AT_INFINITY:
+            ways, limits = light[None, 1:4], NO_LIMITS
+        self._scene.block_tile(origins, ways, limits, blocked)
+
+    def _cast_borders(self, light: np.ndarray, part: slice, seen: Seen) -> int:
+        b = self._buffers
+        count = ray_kernels.find_borders(b.neighbour, self._state, part.start, part.stop, self._index)
+        index, num = self._index[part.start : part.start + count], count * len(BORDER_PATTERN)
+        origins, ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
+        limits, blocked = np.empty(num, np.float32), np.empty(num, bool)
+        place = (b.position, b.geometric_normal, b.step, self._offset, BORDER_PATTERN)
+        ray_kernels.ask_borders(light, *place, index, origins, ways, limits)
+        self._block(light, origins, ways, limits, blocked)
+        ray_kernels.settle_borders(index, blocked, len(BORDER_PATTERN), seen)
+        return num
+
+    # ------------------------------------------------------------------------------------- lattice
+
+    def _cast_on_lattice(self, light: np.ndarray, effect: str, seen: Seen) -> None:
+        b, (chosen, corners) = self._buffers, self._lattice
+        self._state[:] = 0
+        self._cast_tiles(light, effect, chosen, seen)
+        asks = np.empty(len(b), bool)
+
+        def spread(part: slice) -> None:
+            geometry = (b.position, b.geometric_normal, b.normal)
+            ray_kernels.spread(light, *geometry, corners, part.start, part.stop, chosen, self._state, seen, asks)
+
+        over_threads(spread, self._tiles)
+        self._cast_tiles(light, effect, asks, seen)
+
+    @cached_property
+    def _lattice(self) -> tuple[Bool[np.ndarray, " point"], Int32[np.ndarray, "point 4"]]:
+        """Points that always get their ray, and the four lattice points around each other one."""
+        view, b, spacing = self._view, self._buffers, self._options.lattice_px
+        camera, pixel = view.camera, view.points.pixel[b.order]
+        y, x = np.divmod(pixel, camera.width)
+        alone = np.bincount(pixel, minlength=camera.num_pixels)[pixel] == 1
+        point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
+        point_of_pixel[pixel[alone]] = np.flatnonzero(alone)
+        label = (view.surface * 2 + view.is_mirrored)[b.order]
+        depth = view.points.depth[b.order]
+        corners = np.zeros((len(b), 4), np.int32)
+        between = alone & ((x % spacing != 0) | (y % spacing != 0))
+        for k in range(4):
+            cx = x // spacing * spacing + spacing * (k % 2)
+            cy = y // spacing * spacing + spacing * (k // 2)
+            inside = (cx < camera.width) & (cy < camera.height)
+            corner = point_of_pixel[np.where(inside, cy * camera.width + cx, 0)]
+            between &= inside & (corner >= 0)
+            corner = np.maximum(corner, 0)
+            between &= (label[corner] == label) & (np.abs(depth[corner] - depth) < 0.06 * depth)
+            between &= np.einsum("pi,pi->p", b.geometric_normal[corner], b.geometric_normal) > 0.9
+            corners[:, k] = corner
+        return ~between, corners
+
+    # ------------------------------------------------------------------------------------- table
+
+    def _look_up(self, light: np.ndarray, seen: Seen) -> None:
+        b, (side, bits) = self._buffers, self.table
+
+        def look_up(part: slice) -> None:
+            geometry = (b.position, b.geometric_normal, b.normal)
+            ray_kernels.look_up_table(light, *geometry, side, bits, part.start, part.stop, seen)
+
+        over_threads(look_up, self._tiles)
+
+    @cached_property
+    def table(self) -> tuple[int, UInt8[np.ndarray, "direction byte"]]:
+        """Side of the octahedral map of directions, and a bit for each direction and point: whether the way is free."""
+        b, side = self._buffers, round(self._options.table_directions**0.5)
+        directions = octahedral_directions(side)
+        bits = np.zeros((len(directions), -(-len(b) // 8)), np.uint8)
+        origins = self._scene.offset(b.position, b.geometric_normal)
+        for row, direction in enumerate(directions):
+            facing = np.flatnonzero(b.geometric_normal @ direction > 0)
+            free = np.zeros(len(b), bool)
+            free[facing] = ~self._scene.is_blocked(origins[facing], direction[None])
+            bits[row] = np.packbits(free, bitorder="little")
+        return side, bits
+
+    # ------------------------------------------------------------------------------------- mirrors
+
+    def _cast_thrown(self, light: Light, mirror_index: int) -> Seen:
+        b, mirror = self._buffers, self._model.mirrors[mirror_index]
+        virtual = light_row(mirrored_light(light, mirror))
+        plane = np.array([*mirror.point, *mirror.normal, mirror.radius, 3.9 * self._offset], np.float32)
+        geometry = (b.position, b.geometric_normal, b.normal)
+
+        def rule_out(part: slice) -> np.ndarray:
+            count = ray_kernels.may_get_thrown(virtual, plane, *geometry, part.start, part.stop, self._index)
+            return self._index[part.start : part.start + count]
+
+        left = np.concatenate([np.zeros(0, np.int32), *over_threads(rule_out, self._tiles)])
+        seen = np.zeros(len(b), np.uint8)
+        if len(left):
+            at = b.order[left]
+            surface = self._model.surfaces.surface_of_face
+            points, normal = self._view.points.take(at), self._view.normal[at]
+            form, num_rays = cast_thrown(self._scene, points, light, normal, mirror, surface)
+            seen[left] = np.where(form > 0, FULL, 0)
+            self.rays["thrown"] += num_rays
+        return seen
+
+
+def tiles(num: int, multiple: int = 16) -> list[slice]:
+    """Slices that cover range(num), each beginning at a multiple."""
+    size = max(MIN_TILE, -(-num // (TILES_PER_THREAD * num_threads())))
+    size = -(-size // multiple) * multiple
+    return [slice(first, min(first + size, num)) for first in range(0, num, size)]
+
+
+def octahedral_directions(side: int) -> Float32[np.ndarray, "direction 3"]:
+    """The unit directions at the centres of an octahedral map of side x side, row by row."""
+    v, u = (np.mgrid[0:side, 0:side] + 0.5).reshape(2, -1) / side * 2 - 1
+    z = 1 - np.abs(u) - np.abs(v)
+    below = z < 0
+    x = np.where(below, (1 - np.abs(v)) * np.where(u >= 0, 1, -1), u)
+    y = np.where(below, (1 - np.abs(u)) * np.where(v >= 0, 1, -1), v)
+    out = np.stack([x, y, z], axis=1)
+    return (out / np.linalg.norm(out, axis=1, keepdims=True)).astype(np.float32)
