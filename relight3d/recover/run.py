@@ -161,7 +161,7 @@ def read_training(capture: Capture, mesh: PatchMesh, points: ShadingPoints) -> T
     for index, photograph in enumerate(training):
         picture, valid = read_photograph(capture, photograph)
         radiance[index] = picture.reshape(-1, 3)[points.pixel]
-        is_valid[index] = valid.ravel()[points.pixel] & ~is_saturated(picture).ravel()[points.pixel]
+        is_valid[index] = valid.ravel()[points.pixel] & ~is_saturated(picture, valid).ravel()[points.pixel]
     if not is_valid.any():
         raise InputError("photographs", "no valid pixel on the mesh", "a mask that leaves some of the mesh")
     radiance[~is_valid] = 0.0
@@ -185,13 +185,13 @@ def average_repeats(radiance: np.ndarray, is_valid: np.ndarray, lights: tuple) -
     return mean, count > 0, tuple(lights[g[0]] for g in groups)
 
 
-def is_saturated(picture: np.ndarray) -> np.ndarray:
+def is_saturated(picture: np.ndarray, is_valid: np.ndarray) -> np.ndarray:
     """Pixels at a sensor's limit: a value that none exceeds and that several share exactly."""
     top = picture.max()
     at_top = (picture >= top * 0.9995) & (picture > 0)
     several = int((picture == top).any(axis=2).sum()) > 3
     # A constant picture has no limit to be at.
-    return at_top.any(axis=2) if several and (picture < top).any() else np.zeros(picture.shape[:2], bool)
+    return at_top.any(axis=2) if several and (picture[is_valid] < top).any() else np.zeros(picture.shape[:2], bool)
 
 
 def find_surfaces(

@@ -231,5 +231,5 @@ def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.
             values = np.rint(values / step[None, :, None]).astype(np.int16)
         padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), out.dtype)
         padded[: len(part)] = values
-        out[first : first + 256] = padded.reshape(-1, LANES, num_modes, 3).transpose(0, 2, 3, 1)
+        out[first : first + 256] = padded.reshape(len(padded) // LANES, LANES, num_modes, 3).transpose(0, 2, 3, 1)
     return out, step
