@@ -51,6 +51,8 @@ def apply_plan(model: RelightModel, force: Force | None = None) -> RelightModel:
         surfaces = surfaces_named(model, effect, where)
         if effect in RAY_EFFECTS:
             continue
+        if is_on and where == SCENE and effect in SURFACE_EFFECTS:
+            surfaces = [s for s in surfaces if _can_have(model, effect, s)] or surfaces
         for surface in surfaces:
             model = _switched(model, effect, surface, is_on)
     return model
@@ -103,8 +105,7 @@ def has_effect(model: RelightModel, effect: str, surface: int) -> bool:
 def _switched(model: RelightModel, effect: str, surface: int, is_on: bool) -> RelightModel:
     has = has_effect(model, effect, surface)
     if is_on and not has:
-        able = [m for m in model.mirrors if m.surface == surface and m.is_plane] if effect == "thrown" else []
-        if not able:
+        if not _can_have(model, effect, surface):
             where = "" if surface == SCENE else f":{surface}"
             hint = f"recover the capture again with --force {effect}{where}=on"
             raise InputError("force", f"{effect}{where}=on", "an effect that recovery kept data for", hint)
@@ -116,6 +117,12 @@ def _switched(model: RelightModel, effect: str, surface: int, is_on: bool) -> Re
     else:
         return model
     return replace(model, decisions=_noted(model.decisions, effect, surface, is_on))
+
+
+def _can_have(model: RelightModel, effect: str, surface: int) -> bool:
+    """What the model has, and the light that a plane mirror could throw: its plane is all that it takes."""
+    is_plane = any(m.surface == surface and m.is_plane for m in model.mirrors)
+    return has_effect(model, effect, surface) or (effect == "thrown" and is_plane)
 
 
 def _noted(decisions: tuple[Decision, ...], effect: str, surface: int, is_on: bool) -> tuple[Decision, ...]:
