@@ -22,7 +22,7 @@ COLUMNS = ("capture", "photographs", "relight3d", *BASELINES)
 
 
 def main(captures: Annotated[tuple[Path, ...], tyro.conf.Positional] = CAPTURES, output: Path = OUTPUT) -> None:
-    table = markdown_table(COLUMNS, [row(capture, output) for capture in captures], left=1)
+    table = markdown_table(COLUMNS, [row(capture, output) for capture in captures])
     write_text(output / "baselines.md", table)
     say(table)
 

@@ -26,7 +26,7 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options
     num_faces = np.bincount(found.surface_of_face, minlength=found.num_surfaces)
     num_pixels = np.bincount(of_point, minlength=found.num_surfaces)
     rows = [(name, str(faces), str(pixels)) for name, faces, pixels in zip(found.names, num_faces, num_pixels)]
-    show(terminal_table(f"{found.num_surfaces} surfaces", ("surface", "faces", "pixels"), rows, left=1))
+    show(terminal_table(f"{found.num_surfaces} surfaces", ("surface", "faces", "pixels"), rows))
     colors = np.array([category_color(index) for index in range(found.num_surfaces)], np.float32)
     write_png(output / "surfaces.png", stages.picture(colors[of_point]).astype(np.uint8))
     say(f"{output / 'surfaces.png'}")

@@ -24,7 +24,7 @@ def main(capture: Annotated[Path, tyro.conf.Positional] = CAPTURE) -> None:
     center = (read.mesh.vertices.min(axis=0) + read.mesh.vertices.max(axis=0)) / 2
     axis = mean_direction(read, center)
     rows = [row(read, photograph, center, axis) for photograph in read.photographs]
-    show(terminal_table(f"{capture}: {len(rows)} photographs", COLUMNS, rows, left=3))
+    show(terminal_table(f"{capture}: {len(rows)} photographs", COLUMNS, rows))
     camera, mesh = read.camera, read.mesh
     extent = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
     labels = 0 if mesh.object_id is None else len(np.unique(mesh.object_id))

@@ -1,10 +1,14 @@
 """relight3d evaluate: a model against photographs it has not seen, beside what interpolation makes of the same."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import tyro
 
 import relight3d
 from relight3d.commands.command import CapturePath, Command, Flag, ModelPath
+from relight3d.commands.relighting import Relighting
 from relight3d.commands.tables import METHOD_COLUMNS, SURFACE_COLUMNS, method_cells, surface_cells, terminal_table
 from relight3d.evaluate.run import Evaluation
 from relight3d.io.capture import load_capture
@@ -24,11 +28,15 @@ class Evaluate(Command):
     split: str = "test"  # which photographs
     json: Flag = False  # print JSON instead of tables
     no_baselines: Flag = False  # leave the interpolations out
+    relighting: Annotated[Relighting, tyro.conf.arg(name="")] = field(default_factory=Relighting)
 
     def run(self) -> None:
         model, capture = load_model(self.model), load_capture(self.capture)
         with working("evaluate", self.hides_bar):
-            evaluation = relight3d.evaluate(model, capture, split=self.split, baselines=not self.no_baselines)
+            relighter = self.relighting.relighter(model)
+            evaluation = relight3d.evaluate(
+                relighter.given_model, capture, self.split, relighter.options, baselines=not self.no_baselines
+            )
         if self.json:
             say(json.dumps(evaluation.to_dict(), indent=2))
         else:

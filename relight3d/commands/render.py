@@ -1,7 +1,7 @@
 """relight3d render: a model under new lights, as a picture, numbered frames or a film."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,6 +10,7 @@ import tyro
 from relight3d.camera import Camera
 from relight3d.commands.command import Command, ModelPath, require_writable
 from relight3d.commands.frames import LIST_NAME, missing_frames, write_film
+from relight3d.commands.relighting import Relighting
 from relight3d.display.frames import write_frame
 from relight3d.errors import InputError
 from relight3d.io.cameras import read_cameras
@@ -19,7 +20,6 @@ from relight3d.io.model_file import load_model
 from relight3d.lights import Light
 from relight3d.progress import say, track
 from relight3d.records import Frame, RelightModel
-from relight3d.relight.relighter import Relighter
 
 PICTURE_SUFFIXES, FILM_SUFFIX = (".png", ".exr"), ".mp4"
 Shot = tuple[Camera, list[Light]]
@@ -40,6 +40,7 @@ class Render(Command):
     exposure: float | None = None  # factor on the radiance of PNG and film; the capture's own if left out
     format: Literal["png", "exr"] = "png"  # of the numbered frames in a folder
     fps: float = 25.0  # frames a second of a film
+    relighting: Annotated[Relighting, tyro.conf.arg(name="")] = field(default_factory=Relighting)
 
     def run(self) -> None:
         model = load_model(self.model)
@@ -49,7 +50,7 @@ class Render(Command):
         if suffix == FILM_SUFFIX:
             self._render_film(model, shots)
         elif suffix in PICTURE_SUFFIXES:
-            (frame,) = frames_of(model, shots)
+            (frame,) = self._frames(model, shots)
             write_frame(Path(self.output), frame, self.exposure)
             height, width = frame.is_hit.shape
             cost = f"{frame.stats.total_ms:.1f} ms, {frame.stats.num_rays} rays"
@@ -68,29 +69,30 @@ class Render(Command):
             raise InputError("output", self.output, f"a folder or .mp4 for {num_frames} frames")
         return suffix
 
+    def _frames(self, model: RelightModel, shots: list[Shot]) -> Iterator[Frame]:
+        """The shots' frames one by one; what depends on the camera alone is made again only when the camera moves."""
+        relighter = None
+        for camera, lights in shots:
+            if relighter is None:
+                relighter = self.relighting.relighter(model, camera)
+            elif not relighter.camera.same_as(camera):
+                relighter.set_camera(camera)
+            yield relighter.render(lights)
+
     def _render_film(self, model: RelightModel, shots: list[Shot]) -> None:
-        frames = track(frames_of(model, shots), "render", len(shots), self.hides_bar)
+        frames = track(self._frames(model, shots), "render", len(shots), self.hides_bar)
         write_film(Path(self.output), frames, self.fps, self.exposure)
         say(f"{self.output}: {len(shots)} frames at {self.fps:g} a second")
 
     def _render_folder(self, model: RelightModel, shots: list[Shot]) -> None:
-        folder, same = Path(self.output), hash_of(model, self.exposure)
+        folder, same = Path(self.output), hash_of(model, self.relighting, self.exposure)
         hashes = [hash_of(same, *shot) for shot in shots]
         missing = missing_frames(folder, self.format, hashes)
-        frames = frames_of(model, [shots[index] for index in missing])
+        frames = self._frames(model, [shots[index] for index in missing])
         for frame, path in zip(track(frames, "render", len(missing), self.hides_bar), missing.values()):
             write_frame(path, frame, self.exposure)
         kept = len(shots) - len(missing)
         say(f"{folder}: {len(missing)} frames rendered" + (f", {kept} were there already" if kept else ""))
-
-
-def frames_of(model: RelightModel, shots: list[Shot]) -> Iterator[Frame]:
-    """The shots' frames one by one; what depends on the camera alone is made again only when the camera moves."""
-    relighter = None
-    for camera, lights in shots:
-        if relighter is None or not relighter.camera.same_as(camera):
-            relighter = Relighter(model, camera)
-        yield relighter.render(lights)
 
 
 def read_shots(lights: Path, camera: Path | None, captured: Camera) -> list[Shot]:

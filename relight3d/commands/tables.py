@@ -1,4 +1,4 @@
-"""Evaluations and plans as tables: for a terminal, and as Markdown."""
+"""Tables, for a terminal and as Markdown; the cells of an evaluation."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,11 @@ from relight3d.evaluate.run import Evaluation
 
 METHOD_COLUMNS = ("method", "frames", "number", "PSNR dB", "SSIM", "FLIP", "relative RMSE", "worst frame")
 SURFACE_COLUMNS = ("surface", "kind", "pixels", "PSNR dB", "worst frame")
+WORDS = {  # columns that are flush left
+    *("method", "frames", "surface", "kind"),
+    *("effect", "where", "state", "confidence", "why"),
+    *("capture", "photograph", "split", "lights", "textured"),
+}
 
 
 def method_cells(evaluation: Evaluation) -> list[tuple[str, ...]]:
@@ -35,17 +40,17 @@ def surface_cells(evaluation: Evaluation) -> list[tuple[str, ...]]:
     ]
 
 
-def terminal_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) -> Table:
-    """A table for a terminal; its first `left` columns are words, the others numbers."""
+def terminal_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A table for a terminal; columns of words are flush left, of numbers right."""
     table = Table(title=title, title_justify="left")
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="left" if index < left else "right")
+    for column in columns:
+        table.add_column(column, justify="left" if column in WORDS else "right")
     for row in rows:
         table.add_row(*row)
     return table
 
 
-def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]], left: int = 2) -> str:
+def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """The same as Markdown."""
-    rule = ["---" if index < left else "---:" for index in range(len(columns))]
+    rule = ["---" if column in WORDS else "---:" for column in columns]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (columns, rule, *rows)) + "\n"

@@ -44,7 +44,7 @@ def test_ctrl_c_is_one_line(run, model_file: Path, tmp_path: Path, monkeypatch: 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("relight3d.commands.render.frames_of", interrupt)
+    monkeypatch.setattr("relight3d.commands.render.write_frame", interrupt)
     lights = write(tmp_path / "lights.json", light(0.2))
     assert run("render", model_file, "--lights", lights, "-o", tmp_path / "a.png") == (130, "", "relight3d: stopped\n")
     assert list(tmp_path.iterdir()) == [lights]

@@ -128,6 +128,33 @@ def test_a_camera_path_makes_a_sequence(run, model_file: Path, tmp_path: Path) -
     assert_one_line(status, err, "cameras.json", "3 cameras", "2 lists")
 
 
+@pytest.mark.parametrize("how", [("--preset", "fast"), ("--budget-ms", "1000"), ("--shadows", "off")])
+def test_a_frame_can_be_made_cheaper(run, model_file: Path, tmp_path: Path, how: tuple[str, str]) -> None:
+    lights = write(tmp_path / "lights.json", light(0.3))
+    status, out, _ = run("render", model_file, "--lights", lights, "-o", tmp_path / "a.png", *how)
+    assert status == 0 and ("fits the budget" in out) == (how[0] == "--budget-ms")
+
+
+def test_effects_are_switched_by_hand(run, model_file: Path, tmp_path: Path) -> None:
+    lights = write(tmp_path / "lights.json", light(0.3))
+    pictures = {}
+    for force in ("", "residual=off", "shadows=off"):
+        path = tmp_path / f"{force or 'all'}.exr"
+        arguments = ("--force", force) if force else ()
+        assert run("render", model_file, "--lights", lights, "-o", path, *arguments)[0] == 0
+        pictures[force] = read_image(path)[0]
+    assert pictures["shadows=off"].mean() > pictures[""].mean()
+    status, _, err = run("render", model_file, "--lights", lights, "-o", tmp_path / "a.png", "--force", "foo=off")
+    assert_one_line(status, err, "foo", "residual")
+
+
+def test_settings_that_exclude_each_other_are_refused(run, model_file: Path, tmp_path: Path) -> None:
+    lights = write(tmp_path / "lights.json", light(0.3))
+    arguments = ("--lights", lights, "-o", tmp_path / "a.png", "--preset", "fast", "--budget-ms", 5)
+    status, _, err = run("render", model_file, *arguments)
+    assert_one_line(status, err, "budget_ms and preset")
+
+
 @pytest.mark.parametrize(
     ("lights", "output", "words"),
     [
