@@ -45,7 +45,7 @@ class Modes:
     point of the view reads by `source` and `share`.
     """
 
-    lit: np.ndarray  # block x mode x 3 x LANES
+    lit: np.ndarray  # block x mode x (3 LANES)
     dark: np.ndarray
     lit_step: Float32[np.ndarray, " lit"]
     dark_step: Float32[np.ndarray, " dark"]
@@ -218,12 +218,12 @@ def _modes(
 
 
 def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.ndarray, np.ndarray]:
-    """modes[rows] as block x mode x 3 x LANES, and the step of each mode; rows below 0 and the padding are zero."""
+    """modes[rows] as block x mode x (3 LANES), and the step of each mode; rows below 0 and the padding are zero."""
     num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
     step = np.ones(num_modes, np.float32)
     if precision == "int16" and modes.size:
         step = (np.maximum(np.abs(modes).max(axis=(0, 2)), 1e-30) / 32767).astype(np.float32)
-    out = np.zeros((num_blocks, num_modes, 3, LANES), np.int16 if precision == "int16" else np.float32)
+    out = np.zeros((num_blocks, num_modes, 3 * LANES), np.int16 if precision == "int16" else np.float32)
     for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
         part = rows[first * LANES : (first + 256) * LANES]
         values = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
@@ -231,5 +231,9 @@ def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.
             values = np.rint(values / step[None, :, None]).astype(np.int16)
         padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), out.dtype)
         padded[: len(part)] = values
-        out[first : first + 256] = padded.reshape(len(padded) // LANES, LANES, num_modes, 3).transpose(0, 2, 3, 1)
+        out[first : first + 256] = (
+            padded.reshape(len(padded) // LANES, LANES, num_modes, 3)
+            .transpose(0, 2, 3, 1)
+            .reshape(-1, num_modes, 3 * LANES)
+        )
     return out, step

@@ -22,7 +22,7 @@ from relight3d.views import View
 EMPTY = np.zeros((0, 3), np.float32)
 NO_IMAGES = np.zeros((0, 0, 6), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
-NO_BLOCKS = np.zeros((0, 0, 3, LANES), np.float32)
+NO_BLOCKS = np.zeros((0, 0, 3 * LANES), np.float32)
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
 
 
@@ -48,7 +48,7 @@ class Engine:
     def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
         """Radiance under lights in centred coordinates, each with some power and none of them extended.
 
-        `effects` names what each light's shadow rays are counted as: "shadow", or "soft" for an extended light's sample.
+        `effects` names what each light's shadow rays are counted as: "shadow", or "soft" for a sample of an extended one.
         """
         clock = _Clock()
         self.shadows.start_frame(len(lights) * (1 + len(self._thrown)))
@@ -89,7 +89,7 @@ class Engine:
             kernels.shade(
                 part.start, part.stop, rows, seen, b.position, b.normal, b.to_viewer, b.diffuse, b.gloss,
                 b.lobe_range, b.lobes, b.point_start, b.pixel_of_rank, *site, irradiance, lit, dark,
-                lit_weights, dark_weights, source, share, images, out,
+                lit_weights, dark_weights, source, share, images, scratch(), out,
             )  # fmt: skip
 
         over_threads(shade, self._tiles)
@@ -119,7 +119,7 @@ class Engine:
         def evaluate(part: slice) -> None:
             kernels.site_irradiance(
                 part.start, part.stop, sites.coefficients, ambient, far.astype(np.float32), *lamps, *reach,
-                indirect.softening, sites.positions, polynomial, out,
+                indirect.softening, sites.positions, polynomial, np.empty(far.shape, np.float32), np.empty(20), out,
             )  # fmt: skip
 
         over_threads(evaluate, tiles(len(out)))
@@ -160,10 +160,21 @@ class Engine:
             return NO_IMAGES
         images = np.empty((len(lit_weights), len(self.model.pixels.points), 6), np.float32)
 
+        ones = np.ones((len(images), kernels.ROW), np.float32)
+
         def read(part: slice) -> None:
             for k in range(len(images)):
                 kernels.residual_images(
-                    part.start, part.stop, modes.lit, modes.dark, lit_weights[k], dark_weights[k], images[k]
+                    part.start,
+                    part.stop,
+                    modes.lit,
+                    modes.dark,
+                    lit_weights,
+                    dark_weights,
+                    k,
+                    ones,
+                    scratch(),
+                    images[k],
                 )
 
         blocks = [slice(t.start // LANES, -(-t.stop // LANES)) for t in tiles(images.shape[1], LANES)]
@@ -181,6 +192,11 @@ class Engine:
             alone[self.buffers.pixel_of_rank] = False
             out[alone] = np.maximum(out[alone], 0.0)  # the others are clamped when their points are in
         return out
+
+
+def scratch() -> Float32[np.ndarray, "8 lane"]:
+    """What a shading kernel works in: a few blocks of pixels."""
+    return np.zeros((8, LANES), np.float32)
 
 
 class _Clock:

@@ -10,6 +10,9 @@ import numba
 import numpy as np
 
 FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters are exact
+# No reference counts: kernels own no array, and counting each one at every call took ten times as long as the shading.
+compiled = numba.njit(nogil=True, cache=True, _nrt=False)
+inlined = numba.njit(nogil=True, cache=True, _nrt=False, forceinline=True)
 # Columns of a light's row: place or direction, colour, the cone's axis, cosine, scale and power.
 KIND, PLACE, COLOR, AXIS, CONE_COSINE, CONE_SCALE, CONE_POWER, HAS_RESIDUAL = 0, 1, 4, 7, 10, 11, 12, 13
 ROW = 14
@@ -17,30 +20,30 @@ AT_INFINITY = 0.0
 ONE, ZERO, TINY, SMALL = np.float32(1), np.float32(0), np.float32(1.1754944e-38), np.float32(1.0842022e-19)
 
 
-@numba.njit(nogil=True, cache=True, inline="always")
+@inlined
 def dot(a, i, x, y, z):
     return a[i, 0] * x + a[i, 1] * y + a[i, 2] * z
 
 
-@numba.njit(nogil=True, cache=True)
-def incident(light, x, y, z):
+@inlined
+def incident(lights, light, x, y, z):
     """Unit direction to the light, falloff for power 1, distance, at a point."""
-    if light[KIND] == AT_INFINITY:
-        return light[PLACE], light[PLACE + 1], light[PLACE + 2], ONE, np.float32(1e30)
-    dx, dy, dz = light[PLACE] - x, light[PLACE + 1] - y, light[PLACE + 2] - z
+    if lights[light, KIND] == AT_INFINITY:
+        return lights[light, PLACE], lights[light, PLACE + 1], lights[light, PLACE + 2], ONE, np.float32(1e30)
+    dx, dy, dz = lights[light, PLACE] - x, lights[light, PLACE + 1] - y, lights[light, PLACE + 2] - z
     squared = dx * dx + dy * dy + dz * dz
     distance = np.float32(math.sqrt(squared))
     inverse = ONE / max(distance, SMALL)
     dx, dy, dz = dx * inverse, dy * inverse, dz * inverse
     falloff = ONE / max(squared, TINY) if squared > TINY else ZERO
-    if light[CONE_POWER] > 0:
-        cosine = -(dx * light[AXIS] + dy * light[AXIS + 1] + dz * light[AXIS + 2])
-        ramp = min(max((cosine - light[CONE_COSINE]) * light[CONE_SCALE], ZERO), ONE)
-        falloff *= ramp * ramp if light[CONE_POWER] > 1 else ramp
+    if lights[light, CONE_POWER] > 0:
+        cosine = -(dx * lights[light, AXIS] + dy * lights[light, AXIS + 1] + dz * lights[light, AXIS + 2])
+        ramp = min(max((cosine - lights[light, CONE_COSINE]) * lights[light, CONE_SCALE], ZERO), ONE)
+        falloff *= ramp * ramp if lights[light, CONE_POWER] > 1 else ramp
     return dx, dy, dz, falloff, distance
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _lobe(lobes, k, normal, p, lx, ly, lz, vx, vy, vz):
     """The value of a lobe of colour 1, eq. (4)."""
     nx, ny, nz = normal[p, 0], normal[p, 1], normal[p, 2]
@@ -66,15 +69,14 @@ def _lobe(lobes, k, normal, p, lx, ly, lz, vx, vy, vz):
     return np.float32(math.exp(lobes[k, 6] * math.log(min(base, ONE))))
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _shade_point(p, lights, seen, position, normal, to_viewer, diffuse, gloss, lobe_range, lobes, lane, out):
     """Adds the direct light and the lobes of one point to out[:, lane]."""
     x, y, z = position[p, 0], position[p, 1], position[p, 2]
     for light in range(len(lights)):
         if seen[light, p] == 0:
             continue
-        row = lights[light]
-        lx, ly, lz, falloff, _ = incident(row, x, y, z)
+        lx, ly, lz, falloff, _ = incident(lights, light, x, y, z)
         form = falloff * max(dot(normal, p, lx, ly, lz), ZERO) * (np.float32(seen[light, p]) / np.float32(FULL))
         if not form > 0:
             continue
@@ -84,30 +86,31 @@ def _shade_point(p, lights, seen, position, normal, to_viewer, diffuse, gloss, l
             red += value * lobes[k, 0]
             green += value * lobes[k, 1]
             blue += value * lobes[k, 2]
-        out[0, lane] += form * row[COLOR] * (diffuse[p, 0] + gloss[p, 0] * red)
-        out[1, lane] += form * row[COLOR + 1] * (diffuse[p, 1] + gloss[p, 1] * green)
-        out[2, lane] += form * row[COLOR + 2] * (diffuse[p, 2] + gloss[p, 2] * blue)
+        out[0, lane] += form * lights[light, COLOR] * (diffuse[p, 0] + gloss[p, 0] * red)
+        out[1, lane] += form * lights[light, COLOR + 1] * (diffuse[p, 1] + gloss[p, 1] * green)
+        out[2, lane] += form * lights[light, COLOR + 2] * (diffuse[p, 2] + gloss[p, 2] * blue)
 
 
-@numba.njit(nogil=True, cache=True)
-def _add_modes(modes, block, weights, share, color, out):
+@inlined
+def _add_modes(modes, block, weights, light, share, colors, scratch, out):
     """Adds a block's modes, weighted for one light, to out, each lane by its share."""
-    total = np.zeros((3, 16), np.float32)
-    for k in range(len(weights)):
-        weight = weights[k]
-        for c in range(3):
-            for lane in range(16):
-                total[c, lane] += weight * np.float32(modes[block, k, c, lane])
+    for i in range(48):
+        scratch[i] = 0
+    for k in range(weights.shape[1]):
+        weight = weights[light, k]
+        for i in range(48):
+            scratch[i] += weight * np.float32(modes[block, k, i])
     for c in range(3):
         for lane in range(16):
-            out[c, lane] += color[c] * share[lane] * total[c, lane]
+            out[c, lane] += colors[light, COLOR + c] * share[lane] * scratch[16 * c + lane]
 
 
-@numba.njit(nogil=True, cache=True)
-def _add_block_residual(block, ranks, start, lights, seen, lit, dark, lit_weights, dark_weights, out):
+@compiled
+def _add_block_residual(
+    first, last, start, lights, seen, lit, dark, lit_weights, dark_weights, part, rest, scratch, out
+):
     """The residual of sixteen pixels of the captured view: lit and dark modes by how far each pixel sees the light."""
-    first, last = ranks
-    part, rest = np.zeros(16, np.float32), np.zeros(16, np.float32)
+    block = first // 16
     for light in range(len(lit_weights)):
         any_lit, any_dark = False, False
         for r in range(first, last):
@@ -118,14 +121,13 @@ def _add_block_residual(block, ranks, start, lights, seen, lit, dark, lit_weight
             rest[r - first] = ONE - part[r - first]
             any_lit |= part[r - first] > 0
             any_dark |= rest[r - first] > 0
-        color = lights[light, COLOR : COLOR + 3]
         if any_lit:
-            _add_modes(lit, block, lit_weights[light], part, color, out)
+            _add_modes(lit, block, lit_weights, light, part, lights, scratch, out)
         if any_dark:
-            _add_modes(dark, block, dark_weights[light], rest, color, out)
+            _add_modes(dark, block, dark_weights, light, rest, lights, scratch, out)
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _add_read_residual(p, lights, seen, source, share, images, lane, out):
     """The residual of a point of another view, read from the captured pixels' (`images`: lit rgb, dark rgb)."""
     for light in range(len(images)):
@@ -137,16 +139,16 @@ def _add_read_residual(p, lights, seen, source, share, images, lane, out):
                     out[c, lane] += share[p, k] * lights[light, COLOR + c] * value
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def shade(
     first, last, lights, seen, position, normal, to_viewer, diffuse, gloss, lobe_range, lobes, start, pixel,
-    site_source, site_share, irradiance, lit, dark, lit_weights, dark_weights, source, share, images, out,
+    site_source, site_share, irradiance, lit, dark, lit_weights, dark_weights, source, share, images, scratch, out,
 ):  # fmt: skip
     """Radiance of the pixels of rank first..last (first a multiple of 16): every term, added up, clamped at 0.
 
-    `out` (pixel x 3) holds what else each pixel shows. Arrays of an absent effect have length 0.
+    `out` (pixel x 3) holds what else each pixel shows. Arrays of an absent effect have length 0. `scratch`: 8 x 16.
     """
-    total = np.empty((3, 16), np.float32)
+    total, part, rest = scratch[:3], scratch[6], scratch[7]
     for begin in range(first, last, 16):
         end = min(begin + 16, last)
         total[:] = 0
@@ -165,7 +167,19 @@ def shade(
                     _add_read_residual(p, lights, seen, source, share, images, lane, total)
         if len(lit_weights):
             _add_block_residual(
-                begin // 16, (begin, end), start, lights, seen, lit, dark, lit_weights, dark_weights, total
+                begin,
+                end,
+                start,
+                lights,
+                seen,
+                lit,
+                dark,
+                lit_weights,
+                dark_weights,
+                part,
+                rest,
+                scratch[3:6].reshape(48),
+                total,
             )
         for r in range(begin, end):
             for c in range(3):
@@ -173,21 +187,27 @@ def shade(
                 out[pixel[r], c] = ZERO if value < 0 else value  # a NaN passes, to be seen
 
 
-@numba.njit(nogil=True, cache=True)
-def residual_images(first, last, lit, dark, lit_weights, dark_weights, images):
-    """The residual of captured points in blocks first..last, lit and dark, for one light of power 1."""
-    total, one = np.empty((2, 3, 16), np.float32), np.ones(16, np.float32)
+@compiled
+def residual_images(first, last, lit, dark, lit_weights, dark_weights, light, ones, scratch, images):
+    """The residual of captured points in blocks first..last, lit and dark, for one light of power 1.
+
+    `ones` stands in for the lights' colours; `scratch`: 8 x 16.
+    """
+    scratch[7] = 1
     for block in range(first, last):
-        total[:] = 0
-        _add_modes(lit, block, lit_weights, one, one, total[0])
-        _add_modes(dark, block, dark_weights, one, one, total[1])
-        for lane in range(min(16, len(images) - 16 * block)):
-            for c in range(3):
-                images[16 * block + lane, c] = total[0, c, lane]
-                images[16 * block + lane, 3 + c] = total[1, c, lane]
+        for state in range(2):
+            total = scratch[:3]
+            total[:] = 0
+            if state == 0:
+                _add_modes(lit, block, lit_weights, light, scratch[7], ones, scratch[3:6].reshape(48), total)
+            else:
+                _add_modes(dark, block, dark_weights, light, scratch[7], ones, scratch[3:6].reshape(48), total)
+            for lane in range(min(16, len(images) - 16 * block)):
+                for c in range(3):
+                    images[16 * block + lane, 3 * state + c] = total[c, lane]
 
 
-@numba.njit(nogil=True, cache=True)
+@inlined
 def _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine):
     """maths.light_basis.within_reach for one direction."""
     if len(anchors) == 0:
@@ -208,19 +228,20 @@ def _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine):
     return mx * inverse, my * inverse, mz * inverse
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def site_irradiance(
     first, last, coefficients, ambient, far_rows, places, powers, anchors, reach_cosine, reach_sine, softening,
-    positions, to_basis, out,
+    positions, to_basis, rows, terms, out,
 ):  # fmt: skip
     """Indirect and ambient irradiance at sites first..last, eq. (7), never below 0.
 
     `far_rows` (basis x 3) sums the functions of the lights at infinity by their colours; lamps (`places`, `powers`)
-    have other functions at every site.
+    have other functions at every site. `rows` (as `far_rows`) and `terms` (20) are scratch.
     """
-    rows, terms = np.empty(far_rows.shape, np.float32), np.empty(20, np.float64)
     for v in range(first, last):
-        rows[:] = far_rows
+        for b in range(len(rows)):
+            for c in range(3):
+                rows[b, c] = far_rows[b, c]
         for lamp in range(len(places)):
             dx, dy, dz = (
                 places[lamp, 0] - positions[v, 0], places[lamp, 1] - positions[v, 1], places[lamp, 2] - positions[v, 2]

@@ -4,16 +4,15 @@ Each walks a slice of the points and holds no lock, so that tiles run on any thr
 tracing.RayScene between two of these.
 """
 
-import numba
 import numpy as np
 
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, dot, incident
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, compiled, dot, incident
 
 LIT, DARK, AWAY = 2, 1, 0  # states of a point: lit; turned to the light but shadowed; turned away
 
 
-@numba.njit(nogil=True, cache=True)
-def ask(light, position, geometric, normal, offset, first, last, chosen, state, origins, ways, limits, index):
+@compiled
+def ask(lights, position, geometric, normal, offset, first, last, chosen, state, origins, ways, limits, index):
     """Which points of first..last need a shadow ray; writes the rays packed from `first` on. Returns how many.
 
     `chosen` (length 0 for all) leaves points out. Sets `state` to AWAY, or to DARK until the ray is back.
@@ -23,7 +22,7 @@ def ask(light, position, geometric, normal, offset, first, last, chosen, state, 
         if len(chosen) and not chosen[p]:
             continue
         x, y, z = position[p, 0], position[p, 1], position[p, 2]
-        lx, ly, lz, falloff, distance = incident(light, x, y, z)
+        lx, ly, lz, falloff, distance = incident(lights, 0, x, y, z)
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             state[p] = AWAY
             continue
@@ -32,7 +31,7 @@ def ask(light, position, geometric, normal, offset, first, last, chosen, state, 
             continue
         for axis in range(3):
             origins[count, axis] = position[p, axis] + geometric[p, axis] * offset
-        if light[KIND] != AT_INFINITY:
+        if lights[0, KIND] != AT_INFINITY:
             ways[count, 0], ways[count, 1], ways[count, 2] = lx, ly, lz
             limits[count] = distance - 2 * offset
         index[count] = p
@@ -40,7 +39,7 @@ def ask(light, position, geometric, normal, offset, first, last, chosen, state, 
     return count - first
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def settle(index, blocked, state, seen):
     """What the rays found, written to their points."""
     for i in range(len(index)):
@@ -48,7 +47,7 @@ def settle(index, blocked, state, seen):
         seen[index[i]] = 0 if blocked[i] else FULL
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def find_borders(neighbour, state, first, last, index):
     """Points that face the light and have a neighbour that does too and is in the other state. Returns how many."""
     count = first
@@ -64,8 +63,8 @@ def find_borders(neighbour, state, first, last, index):
     return count - first
 
 
-@numba.njit(nogil=True, cache=True)
-def ask_borders(light, position, geometric, step, offset, pattern, index, origins, ways, limits):
+@compiled
+def ask_borders(lights, position, geometric, step, offset, pattern, index, origins, ways, limits):
     """Rays from `pattern` places about each border point, one place after the other for each point."""
     ray = 0
     for p in index:
@@ -76,14 +75,14 @@ def ask_borders(light, position, geometric, step, offset, pattern, index, origin
             origins[ray, 0] = x + geometric[p, 0] * offset
             origins[ray, 1] = y + geometric[p, 1] * offset
             origins[ray, 2] = z + geometric[p, 2] * offset
-            if light[KIND] != AT_INFINITY:
-                lx, ly, lz, _, distance = incident(light, x, y, z)
+            if lights[0, KIND] != AT_INFINITY:
+                lx, ly, lz, _, distance = incident(lights, 0, x, y, z)
                 ways[ray, 0], ways[ray, 1], ways[ray, 2] = lx, ly, lz
                 limits[ray] = distance - 2 * offset
             ray += 1
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def settle_borders(index, blocked, num_rays_each, seen):
     """The share of each border point's rays that came through."""
     for i in range(len(index)):
@@ -93,8 +92,8 @@ def settle_borders(index, blocked, num_rays_each, seen):
         seen[index[i]] = FULL * free // num_rays_each
 
 
-@numba.njit(nogil=True, cache=True)
-def may_get_thrown(light, plane, position, geometric, normal, first, last, index):
+@compiled
+def may_get_thrown(lights, plane, position, geometric, normal, first, last, index):
     """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius, least height).
 
     Rules out without a ray what shading.cast_thrown would; what is left it decides. Returns how many.
@@ -105,7 +104,7 @@ def may_get_thrown(light, plane, position, geometric, normal, first, last, index
         height = (x - plane[0]) * plane[3] + (y - plane[1]) * plane[4] + (z - plane[2]) * plane[5]
         if height <= plane[7]:
             continue
-        lx, ly, lz, falloff, _ = incident(light, x, y, z)
+        lx, ly, lz, falloff, _ = incident(lights, 0, x, y, z)
         toward = lx * plane[3] + ly * plane[4] + lz * plane[5]
         if not (toward < 0 and falloff > 0):
             continue
@@ -119,14 +118,14 @@ def may_get_thrown(light, plane, position, geometric, normal, first, last, index
     return count - first
 
 
-@numba.njit(nogil=True, cache=True)
-def spread(light, position, geometric, normal, corners, first, last, chosen, state, seen, asks):
+@compiled
+def spread(lights, position, geometric, normal, corners, first, last, chosen, state, seen, asks):
     """Points between four lattice points that agree take their state; `asks` says which of the others need a ray."""
     for p in range(first, last):
         asks[p] = False
         if chosen[p]:
             continue
-        lx, ly, lz, falloff, _ = incident(light, position[p, 0], position[p, 1], position[p, 2])
+        lx, ly, lz, falloff, _ = incident(lights, 0, position[p, 0], position[p, 1], position[p, 2])
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             continue
         agreed = state[corners[p, 0]]
@@ -139,11 +138,11 @@ def spread(light, position, geometric, normal, corners, first, last, chosen, sta
             seen[p] = FULL if agreed == LIT and falloff > 0 else 0
 
 
-@numba.njit(nogil=True, cache=True)
-def look_up_table(light, position, geometric, normal, side, bits, first, last, seen):
+@compiled
+def look_up_table(lights, position, geometric, normal, side, bits, first, last, seen):
     """How far points see a light by a table of directions (`bits`: octahedral map x points), between four of them."""
     for p in range(first, last):
-        lx, ly, lz, falloff, _ = incident(light, position[p, 0], position[p, 1], position[p, 2])
+        lx, ly, lz, falloff, _ = incident(lights, 0, position[p, 0], position[p, 1], position[p, 2])
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0 and falloff > 0):
             continue
         scale = 1 / (abs(lx) + abs(ly) + abs(lz))

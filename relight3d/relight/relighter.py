@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import asdict
 from functools import partial
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,12 +13,15 @@ import numpy as np
 from relight3d.camera import Camera
 from relight3d.forward import gather_pixels, shade_points
 from relight3d.lights import Light
-from relight3d.records import Decision, Frame, PatchMesh, RelightModel, Stats, Terms
+from relight3d.records import Frame, PatchMesh, RelightModel, Stats, Terms
 from relight3d.relight.options import RelightOptions, preset_options
-from relight3d.relight.plan import plan_of_view, restrict
+from relight3d.relight.restrict import restrict
 from relight3d.shading import ray_scene
 from relight3d.tracing import RayScene
 from relight3d.views import View, ViewOptions, build_view
+
+if TYPE_CHECKING:
+    from relight3d.relight.plan import Plan
 
 logger = logging.getLogger(__name__)
 
@@ -89,9 +93,11 @@ class Relighter:
         )
 
     @property
-    def plan(self) -> tuple[Decision, ...]:
-        """Which effects run on which surfaces, and why: the model's evidence, then what options and view leave out."""
-        return plan_of_view(self.given_model, self.model, self.view, self.options)
+    def plan(self) -> "Plan":
+        """Which effects run on which surfaces, and why: the evidence, then what options and view leave out."""
+        from relight3d.relight.plan import plan_of
+
+        return plan_of(self.given_model, self)
 
     def _render_with_numpy(self, lights: list[Light]) -> tuple[np.ndarray, dict[str, float], dict[str, int]]:
         start = time.perf_counter()

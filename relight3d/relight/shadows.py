@@ -51,7 +51,7 @@ class Shadows:
 
     def seen(self, light: Light, effect: str = "shadow") -> Seen:
         """How far each point sees the light, of FULL; 0 where it is turned away. Rays are counted as `effect`."""
-        return self._keep((geometry_key(light),), lambda: self._cast(light_row(light), effect))
+        return self._keep((geometry_key(light),), lambda: self._cast(light_row(light)[None], effect))
 
     def thrown(self, light: Light, mirror_index: int) -> Seen:
         """Which points get the light by way of a mirror."""
@@ -68,7 +68,7 @@ class Shadows:
 
     # ------------------------------------------------------------------------------------- one light
 
-    def _cast(self, light: Float32[np.ndarray, " row"], effect: str) -> Seen:
+    def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Seen:
         seen, shadows = np.zeros(len(self._buffers), np.uint8), self._options.shadows
         if shadows == "table":
             self._look_up(light, seen)
@@ -107,8 +107,8 @@ class Shadows:
         seen[self._index[part.start : part.start + count]] = FULL
 
     def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
-        if light[KIND] == AT_INFINITY:
-            ways, limits = light[None, 1:4], NO_LIMITS
+        if light[0, KIND] == AT_INFINITY:
+            ways, limits = light[:, 1:4], NO_LIMITS
         self._scene.block_tile(origins, ways, limits, blocked)
 
     def _cast_borders(self, light: np.ndarray, part: slice, seen: Seen) -> int:
@@ -192,7 +192,7 @@ class Shadows:
 
     def _cast_thrown(self, light: Light, mirror_index: int) -> Seen:
         b, mirror = self._buffers, self._model.mirrors[mirror_index]
-        virtual = light_row(mirrored_light(light, mirror))
+        virtual = light_row(mirrored_light(light, mirror))[None]
         plane = np.array([*mirror.point, *mirror.normal, mirror.radius, 3.9 * self._offset], np.float32)
         geometry = (b.position, b.geometric_normal, b.normal)
 
