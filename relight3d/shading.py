@@ -279,7 +279,7 @@ def indirect_irradiance(
 
 def residual_kernel(
     residual: Residual, light: Light, softening: float
-) -> tuple[Float[np.ndarray, " mode"], Float[np.ndarray, " mode"]]:
+) -> tuple[Float[np.ndarray, " lit"], Float[np.ndarray, " dark"]]:
     """How strongly the lit and the dark modes of the residual answer to a light of power 1 (centred coordinates)."""
     to_light, strength = light_strength(light, np.zeros((1, 3)), softening)
     angle = np.arccos(np.clip(to_light @ residual.anchors.T, -1.0, 1.0))[0]

@@ -137,7 +137,8 @@ def robust_scale(residual: Float[np.ndarray, "*axes"], axis: int | None = None) 
     """The standard deviation that the median absolute value stands for, were the residual normal; 0 for no values."""
     if residual.size == 0:
         return 0.0 if axis is None else np.zeros(np.delete(residual.shape, axis))
-    return 1.4826 * np.median(np.abs(residual), axis=axis)
+    scale = 1.4826 * np.median(np.abs(residual), axis=axis)
+    return float(scale) if axis is None else scale
 
 
 def weighted_median(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"]) -> float:
