@@ -39,7 +39,7 @@ class DetailOptions:
 class DetailData:
     """What the perturbation of one surface's points is solved from; photographs first, then points."""
 
-    to_light: Float32[np.ndarray, "photo point 3"]  # or (photo, 1, 3) for lights at infinity
+    to_light: Float32[np.ndarray, "photo #point 3"]  # one row for lights at infinity
     falloff: Float32[np.ndarray, "photo point color"]  # facing irradiance for power 1 where seen, without the cosine
     measured: Float32[np.ndarray, "photo point 3"]
     other: Float32[np.ndarray, "photo point 3"]  # indirect and thrown light: all that the normal does not change
@@ -114,7 +114,7 @@ def choose_detail(
     )
     if options.mode == "off" or num_photos < 4:
         return "off", options.damping, 0.0
-    thin = slice(None, None, max(1, len(data.normal) // 12_000))
+    thin = slice(None, None, max(1, len(data.normal) // 6_000))
     sample = _thin(data, thin)
     base = {(m, d): 0.0 for m, ds in modes.items() for d in ds}
     none = 0.0

@@ -173,9 +173,8 @@ def joint_albedo(
     for photo in range(num_photos):
         base = weight[photo][:, None] * texture
         light = np.broadcast_to(direct[photo], texture.shape)
-        sums[0, :, :, photo] = (binding @ (base * texture)).T
-        sums[1, :, :, photo] = (binding @ (base * target[photo] * np.pi)).T
-        sums[2, :, :, photo] = (binding @ (base * texture * light)).T
+        columns = np.concatenate([base * texture, base * target[photo] * np.float32(np.pi), base * texture * light], 1)
+        sums[:, :, :, photo] = (binding @ columns).T.reshape(3, 3, -1)
     value = np.zeros((num_surfaces, 1, 3))
     condition = np.full(num_surfaces, np.inf)
     info_total = np.zeros(num_surfaces)
@@ -204,14 +203,52 @@ def joint_albedo(
     return Solution(value, status, (status == Status.OK).astype(np.int32), condition, np.zeros(num_surfaces))
 
 
+def upper_bound(
+    observed: Observations,
+    target: Float32[np.ndarray, "photo point 3"],
+    weight: Float32[np.ndarray, "photo point"],
+    direct: Float32[np.ndarray, "photo point color"],
+    texture: Float32[np.ndarray, "point 3"],
+    surface: Int32[np.ndarray, " point"],
+    num_surfaces: int,
+) -> Float64[np.ndarray, "surface 3"]:
+    """What each surface's albedo cannot exceed, since indirect light is not negative: inf for a surface never lit.
+
+    radiance * pi / direct = albedo * (1 + indirect / direct) >= albedo in every photograph, so the smallest ratio bounds
+    it; the lowest sixth is taken for the smallest, and the median over points, so that noise does not.
+    """
+    bound = np.full((num_surfaces, 3), np.inf)
+    dark = np.flatnonzero(observed.is_dark)
+    if len(dark):  # the ambient part is known: it is taken off
+        inverse = (observed.scale[dark[0]] / observed.scale).astype(np.float32)
+        target = target - target[dark[0]] * inverse[:, None]
+    for s in range(num_surfaces):
+        mine = np.flatnonzero((surface == s) & observed.is_interior)
+        mine = mine[:: max(1, len(mine) // 4000)]
+        if len(mine) < 5:
+            continue
+        light = np.broadcast_to(direct[:, mine], (len(direct), len(mine), 3))
+        bright = (weight[:, mine, None] > 0) & observed.is_lit[:, mine, None] & (light > 0.4 * light.max(axis=0))
+        ratio = np.where(bright, np.pi * target[:, mine] / np.maximum(light * texture[mine], 1e-9), np.inf)
+        count = bright.sum(axis=0)
+        low = np.take_along_axis(np.sort(ratio, axis=0), (count // 6)[None], axis=0)[0]
+        for c in range(3):
+            told = (count[:, c] >= 2) & np.isfinite(low[:, c])
+            if told.sum() >= 5:
+                bound[s, c] = max(float(np.median(low[told, c])), 0.0)
+    return bound
+
+
 def surface_scale(
-    border: Solution, joint: Solution, plain: Float64[np.ndarray, "surface 3"]
+    border: Solution, joint: Solution, plain: Float64[np.ndarray, "surface 3"], bound: Float64[np.ndarray, "surface 3"]
 ) -> tuple[Float64[np.ndarray, "surface 3"], Bool[np.ndarray, " surface"], tuple[str, ...]]:
-    """Each surface's albedo scale: by its borders, else jointly, else by the prior that indirect light is small there.
+    """Each surface's albedo scale: by its borders, else jointly, else by the prior that indirect light is small there;
+    the last two never above what indirect light >= 0 allows.
 
     Returns the scale, whether it is pinned (decided by data, not by the prior), and a word for each.
     """
     by_border, by_joint = border.status == Status.OK, joint.status == Status.OK
     value = np.where(by_border[:, None], border.value[:, 0], np.where(by_joint[:, None], joint.value[:, 0], plain))
     words = tuple("border" if b else "joint" if j else "prior" for b, j in zip(by_border, by_joint, strict=True))
+    value = np.where(by_border[:, None], value, np.minimum(value, bound))
     return value, by_border | by_joint, words

@@ -90,6 +90,9 @@ def spread_over_neighbours(mesh: PatchMesh, binding: sp.csr_matrix, site: str, s
         if short.max() < 1e-3:
             break
         reached = step @ reached
+        # What would weigh next to nothing is dropped: a site need not carry the names of all it hardly hears.
+        reached.data[reached.data < 1e-3] = 0.0
+        reached.eliminate_zeros()
         total = total + sp.diags((0.5 * short).astype(np.float32)) @ reached
         if total.nnz > 60 * max(binding.shape):  # memory: a site need not hear more than this
             break
@@ -121,13 +124,16 @@ def gather(
     direct: Float32[np.ndarray, "photo point color"],
 ) -> SiteSums:
     """Sum the photographs to sites; `target` is radiance without its specular part, `direct` irradiance for power 1."""
-    num_photos = len(target)
+    num_photos, block = len(target), 6  # photographs at once: one walk over the binding serves several
     weights = np.empty((binding.shape[0], num_photos, 3))
     moments = np.empty_like(weights)
-    for photo in range(num_photos):
-        squared = weight[photo][:, None] * albedo
-        weights[:, photo] = binding @ (squared * albedo)
-        moments[:, photo] = binding @ (squared * (np.pi * target[photo] - albedo * direct[photo]))
+    pi = np.float32(np.pi)
+    for first in range(0, num_photos, block):
+        part = range(first, min(first + block, num_photos))
+        columns = [weight[p][:, None] * albedo * albedo for p in part]
+        columns += [weight[p][:, None] * albedo * (pi * target[p] - albedo * direct[p]) for p in part]
+        summed = (binding @ np.concatenate(columns, axis=1)).reshape(binding.shape[0], 2, len(part), 3)
+        weights[:, part], moments[:, part] = summed[:, 0], summed[:, 1]
     return SiteSums(weights, moments)
 
 

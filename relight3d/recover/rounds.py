@@ -37,7 +37,8 @@ class Stage:
     surfaces: Surfaces
     surface: np.ndarray  # of each point
     is_matte: np.ndarray  # point: not on a mirror
-    gather: object  # sites hear points, their neighbours' too
+    hear: object  # sites hear their own points
+    gather: object  # and their neighbours' too
     spread: object  # points read sites
     anchors: np.ndarray
     softening: float
@@ -106,6 +107,7 @@ def set_stage(
         surfaces=surfaces,
         surface=surface,
         is_matte=is_matte,
+        hear=heard,
         gather=indirect.spread_over_neighbours(mesh, heard, site, options.indirect.smoothing_px),
         spread=binding.T.tocsr(),
         anchors=indirect.light_anchors(observed),
@@ -157,8 +159,10 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         known = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
         relative = (1.0 + known * (albedo / np.maximum(mean[stage.surface], 1e-6) - 1.0)).astype(np.float32)
         border = diffuse.border_albedo(pairs, observed, target, direct, relative, stage.surface, num, options.diffuse)
-        joint = _joint(stage, observed, target, weight, direct, relative)
-        scale, _, words = diffuse.surface_scale(border, joint, mean)
+        if step in (0, steps - 1):
+            joint = _joint(stage, observed, target, weight, direct, relative)
+            bound = diffuse.upper_bound(observed, target, weight, direct, relative, stage.surface, num)
+        scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
         albedo = (relative * scale[stage.surface]).astype(np.float32)
         sums = indirect.gather(stage.gather, weight * calm, albedo, target, direct)
         lit = fitted.design or indirect.choose_basis(
@@ -248,6 +252,15 @@ def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.nda
     return out
 
 
+def _neighbours_differ(stage: Stage, observed: Observations, albedo: np.ndarray, num: int) -> np.ndarray:
+    """A first look at texture, before any indirect light is known: by neighbours alone, which share theirs."""
+    options = stage.options.texture
+    measured = texture.difference_measure(
+        observed, stage.points, stage.surface, albedo, stage.camera, num, options
+    )
+    return np.array([replace(m, spread=0.0).is_textured(options) for m in measured])
+
+
 def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted: Fitted) -> Fitted:
     """Which surfaces are textured (1.1.1), and which keep an albedo per pixel: those whose left-out photographs gain."""
     options = stage.options.texture
@@ -257,7 +270,9 @@ def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted
     measured = texture.difference_measure(
         replace(observed, radiance=target, is_highlight=glare), stage.points, stage.surface, albedo, stage.camera, len(mean), options
     )
-    shows = np.array([m.is_textured(options) for m in measured])
+    # What a lobe leaves unexplained differs between neighbours as well: a gloss must differ by twice as much.
+    strict = replace(options, min_difference=2 * options.min_difference)
+    shows = np.array([m.is_textured(strict if fitted.lobes[s] else options) for s, m in enumerate(measured)])
     light = direct + fitted.irradiance
     gains = texture.left_out_gain(target, weight, light, stage.surface, len(mean), stage.white)
     evidence = dict(fitted.evidence)
@@ -275,7 +290,7 @@ def _joint(stage: Stage, observed: Observations, target, weight, direct, relativ
     nowhere = np.zeros((1, 3), np.float32)
     lit = indirect.design(basis, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect)
     return diffuse.joint_albedo(
-        stage.gather, _site_surface(stage), stage.surfaces.num_surfaces, relative, target,
+        stage.hear, _site_surface(stage), stage.surfaces.num_surfaces, relative, target,
         (weight * observed.is_facing).astype(np.float32), direct, lit.rows[0, :, 0],
     )  # fmt: skip
 

@@ -22,6 +22,7 @@ from relight3d.shading import lobe_brdf
 
 MAX_EXPONENT = 1e4
 MAX_ENERGY = 1.0
+REFINED_SAMPLES = 2_200  # for at most 21 parameters
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,9 @@ class SpecularOptions:
     """How many lobes a surface may have and what one must earn."""
 
     max_lobes: int = 3
-    min_gain_db: float = 0.15  # of the left-out photographs' compressed error, for a lobe to be kept
+    min_gain_db: float = 0.4  # of the left-out photographs' compressed error, for a lobe to be kept
     excess_sigmas: float = 4.0  # brighter than predicted by so many of the surface's own scatters is glossy
-    num_samples: int = 6000  # (photograph, pixel) samples of a surface that enter the fit
+    num_samples: int = 4500  # (photograph, pixel) samples of a surface that enter the fit
     num_folds: int = 3
     kinds: tuple[str, ...] = ("isotropic", "anisotropic", "retro")
 
@@ -102,14 +103,15 @@ def fit_lobes(
             for k, x in atoms
         ]
     )
-    systems = [_normal_system(samples, shapes, white, ~is_out) for is_out in folds]
-    whole = _normal_system(samples, shapes, white, np.ones(len(samples.photo), bool))
+    parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
+    whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
+    systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
     chosen: list[int] = []
     best_error = sum(_held_out(samples, shapes, white, [], None, is_out) for is_out in folds)
     none = best_error
     for _ in range(options.max_lobes):
         errors = np.full(len(atoms), np.inf)
-        order = _promising(whole, chosen, 14)
+        order = [int(atom) for atom in _promising(whole, chosen, 14)]
         for atom in order:
             trial = [*chosen, atom]
             errors[atom] = sum(
@@ -117,7 +119,7 @@ def fit_lobes(
                 for system, is_out in zip(systems, folds, strict=True)
             )
         winner = int(np.argmin(errors))
-        if 10 * np.log10(best_error / max(errors[winner], 1e-30)) < options.min_gain_db:
+        if 10 * np.log10(max(best_error, 1e-30) / max(errors[winner], 1e-30)) < options.min_gain_db:
             break
         chosen.append(winner)
         best_error = errors[winner]
@@ -130,9 +132,10 @@ def fit_lobes(
         x = x.copy()
         x[2:5] = np.log(np.clip(color, 1e-5, 1e3))
         kept.append((kind, x))
-    kept, last = _refined(samples, white, tangent, kept)
+    thin = np.arange(0, len(samples.photo), max(1, len(samples.photo) // REFINED_SAMPLES))
+    kept, last = _refined(samples.take(thin), white, tangent, kept)
     lobes = tuple(_lobe(kind, parameters, tangent) for kind, parameters in kept)
-    return _within_energy(lobes), last, float(10 * np.log10(none / max(best_error, 1e-30)))
+    return _within_energy(lobes), last, float(10 * np.log10(max(none, 1e-30) / max(best_error, 1e-30)))
 
 
 def _atoms(kinds: tuple[str, ...], tangent: np.ndarray) -> list[tuple[str, np.ndarray]]:

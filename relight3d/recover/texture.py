@@ -21,7 +21,7 @@ class TextureOptions:
     """When a surface counts as textured, and how its texture is found."""
 
     min_difference: float = 0.06  # between neighbours, as a factor: what a texture must show somewhere
-    min_share: float = 0.02  # of the pixels at least must show it
+    min_share: float = 0.04  # of the pixels at least must show it
     min_spread: float = 0.15  # or the albedo must vary by so much (relative) over the surface as a whole
     min_gain_db: float = 0.15  # of left-out photographs, for an albedo per pixel where the measure sees no texture
     method: str = "alternating"  # or "reciprocal": eq. (2)
