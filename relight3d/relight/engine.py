@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from relight3d.forward import background_radiance, dark_residual
-from relight3d.lights import Light
+from relight3d.lights import DirectionalLight, Light
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import RelightModel
 from relight3d.relight import kernels
@@ -48,7 +48,7 @@ class Engine:
     def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
         """Radiance under lights in centred coordinates, each with some power and none of them extended.
 
-        `effects` names what each light's shadow rays are counted as: "shadow", or "soft" for a sample of an extended one.
+        `effects` names what each light's shadow rays count as: "shadow", or "soft" for a sample of an extended light.
         """
         clock = _Clock()
         self.shadows.start_frame(len(lights) * (1 + len(self._thrown)))
@@ -66,7 +66,7 @@ class Engine:
         images = self._residual_images(*weights)
         clock.lap("residual")
         out = self._behind_mirrors(lights)
-        all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(-1, len(self.buffers))
+        all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(len(seen), len(self.buffers))
         self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, irradiance, weights, images, out)
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
@@ -79,9 +79,9 @@ class Engine:
 
     def _shade(self, rows, seen, irradiance, weights, images, out) -> None:
         b, modes, sites = self.buffers, self.buffers.modes, self.buffers.sites
-        own = modes is not None and len(images) == 0
-        lit, dark = (modes.lit, modes.dark) if own else (NO_BLOCKS, NO_BLOCKS)
-        lit_weights, dark_weights = weights if own else (NO_WEIGHTS, NO_WEIGHTS)
+        lit, dark, lit_weights, dark_weights = NO_BLOCKS, NO_BLOCKS, NO_WEIGHTS, NO_WEIGHTS
+        if modes is not None and len(images) == 0:  # the captured view's own pixels
+            lit, dark, (lit_weights, dark_weights) = modes.lit, modes.dark, weights
         source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
 
@@ -102,7 +102,7 @@ class Engine:
         far = np.zeros((sites.coefficients.shape[1], 3))
         ambient, places, powers = sites.ambient, [], []
         for light in lights:
-            if light.kind == "directional":
+            if isinstance(light, DirectionalLight):
                 to_light = np.asarray(light.to_light)[None]
                 direction, _ = within_reach(to_light, indirect.anchors, indirect.reach_rad)
                 far += evaluate_basis(indirect.basis, direction)[0][:, None] * light.power

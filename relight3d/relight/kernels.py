@@ -10,9 +10,10 @@ import numba
 import numpy as np
 
 FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters are exact
-# No reference counts: kernels own no array, and counting each one at every call took ten times as long as the shading.
-compiled = numba.njit(nogil=True, cache=True, _nrt=False)
-inlined = numba.njit(nogil=True, cache=True, _nrt=False, forceinline=True)
+# Helpers are inlined whatever their size and nothing is reference-counted (kernels own no array): handing a dozen
+# arrays to a function at every point took ten times as long as shading it.
+compiled = numba.njit(nogil=True, cache=True, _nrt=False)  # pyright: ignore[reportCallIssue]
+inlined = numba.njit(nogil=True, cache=True, _nrt=False, forceinline=True)  # pyright: ignore[reportCallIssue]
 # Columns of a light's row: place or direction, colour, the cone's axis, cosine, scale and power.
 KIND, PLACE, COLOR, AXIS, CONE_COSINE, CONE_SCALE, CONE_POWER, HAS_RESIDUAL = 0, 1, 4, 7, 10, 11, 12, 13
 ROW = 14
@@ -148,7 +149,7 @@ def shade(
 
     `out` (pixel x 3) holds what else each pixel shows. Arrays of an absent effect have length 0. `scratch`: 8 x 16.
     """
-    total, part, rest = scratch[:3], scratch[6], scratch[7]
+    total, work, part, rest = scratch[:3], scratch[3:6].reshape(48), scratch[6], scratch[7]
     for begin in range(first, last, 16):
         end = min(begin + 16, last)
         total[:] = 0
@@ -178,7 +179,7 @@ def shade(
                 dark_weights,
                 part,
                 rest,
-                scratch[3:6].reshape(48),
+                work,
                 total,
             )
         for r in range(begin, end):

@@ -5,16 +5,15 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Float32
 
-from relight3d.lights import Light, RectangleLight, RectangleSample, SphereLight, SpotLight
+from relight3d.lights import DirectionalLight, Light, RectangleLight, RectangleSample, SphereLight, SpotLight
 from relight3d.relight.kernels import AXIS, COLOR, CONE_COSINE, CONE_POWER, CONE_SCALE, HAS_RESIDUAL, KIND, PLACE, ROW
 
 
 def light_row(light: Light) -> Float32[np.ndarray, " row"]:
     """One light (centred coordinates) as the kernels read it."""
     row = np.zeros(ROW, np.float32)
-    at_infinity = light.kind == "directional"
-    row[KIND] = 0.0 if at_infinity else 1.0
-    row[PLACE : PLACE + 3] = light.to_light if at_infinity else light.position
+    row[KIND] = 0.0 if isinstance(light, DirectionalLight) else 1.0
+    row[PLACE : PLACE + 3] = light.to_light if isinstance(light, DirectionalLight) else light.position
     row[COLOR : COLOR + 3] = light.power
     row[HAS_RESIDUAL] = 1.0
     if isinstance(light, SpotLight):

@@ -6,13 +6,33 @@ tracing.RayScene between two of these.
 
 import numpy as np
 
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, compiled, dot, incident
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, compiled, dot, incident, inlined
 
 LIT, DARK, AWAY = 2, 1, 0  # states of a point: lit; turned to the light but shadowed; turned away
 
 
+@inlined
+def _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
+    """Whether the way from a point to a light passes through the ground (ground.ground_of) from above."""
+    if len(ground) == 0:
+        return False
+    toward = lx * ground[1, 0] + ly * ground[1, 1] + lz * ground[1, 2]
+    x, y, z = x - ground[0, 0], y - ground[0, 1], z - ground[0, 2]
+    height = x * ground[1, 0] + y * ground[1, 1] + z * ground[1, 2]
+    if not (toward < 0 and height > 0) or height >= -toward * distance:
+        return False
+    reach = -height / toward
+    x, y, z = x + reach * lx, y + reach * ly, z + reach * lz
+    u = x * ground[2, 0] + y * ground[2, 1] + z * ground[2, 2]
+    v = x * ground[3, 0] + y * ground[3, 1] + z * ground[3, 2]
+    for edge in range(4, len(ground)):  # noqa: SIM110 - a generator is slow here
+        if ground[edge, 0] * u + ground[edge, 1] * v > ground[edge, 2]:
+            return False
+    return True
+
+
 @compiled
-def ask(lights, position, geometric, normal, offset, first, last, chosen, state, origins, ways, limits, index):
+def ask(lights, ground, position, geometric, normal, offset, first, last, chosen, state, origins, ways, limits, index):
     """Which points of first..last need a shadow ray; writes the rays packed from `first` on. Returns how many.
 
     `chosen` (length 0 for all) leaves points out. Sets `state` to AWAY, or to DARK until the ray is back.
@@ -27,7 +47,7 @@ def ask(lights, position, geometric, normal, offset, first, last, chosen, state,
             state[p] = AWAY
             continue
         state[p] = DARK
-        if not falloff > 0:
+        if not falloff > 0 or _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
             continue
         for axis in range(3):
             origins[count, axis] = position[p, axis] + geometric[p, axis] * offset
@@ -93,7 +113,7 @@ def settle_borders(index, blocked, num_rays_each, seen):
 
 
 @compiled
-def may_get_thrown(lights, plane, position, geometric, normal, first, last, index):
+def may_get_thrown(lights, real_lights, ground, plane, position, geometric, normal, first, last, index):
     """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius, least height).
 
     Rules out without a ray what shading.cast_thrown would; what is left it decides. Returns how many.
@@ -111,8 +131,11 @@ def may_get_thrown(lights, plane, position, geometric, normal, first, last, inde
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             continue
         reach = height / max(-toward, np.float32(1e-6))
-        cx, cy, cz = x + reach * lx - plane[0], y + reach * ly - plane[1], z + reach * lz - plane[2]
-        if cx * cx + cy * cy + cz * cz <= (plane[6] * 1.01) ** 2:
+        x, y, z = x + reach * lx, y + reach * ly, z + reach * lz
+        if (x - plane[0]) ** 2 + (y - plane[1]) ** 2 + (z - plane[2]) ** 2 > (plane[6] * 1.01) ** 2:
+            continue
+        lx, ly, lz, _, distance = incident(real_lights, 0, x, y, z)
+        if not _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
             index[count] = p
             count += 1
     return count - first

@@ -14,7 +14,7 @@ from relight3d.camera import Camera
 from relight3d.forward import gather_pixels, shade_points
 from relight3d.lights import Light
 from relight3d.records import Frame, PatchMesh, RelightModel, Stats, Terms
-from relight3d.relight.options import RelightOptions, preset_options
+from relight3d.relight.options import RelightOptions
 from relight3d.relight.restrict import restrict
 from relight3d.shading import ray_scene
 from relight3d.tracing import RayScene
@@ -44,12 +44,12 @@ class Relighter:
         budget_ms: float | None = None,
         preset: str | None = None,
     ) -> None:
-        from relight3d.relight.budget import one_of_three, within_budget
+        from relight3d.relight.budget import one_of_three, preset_for, within_budget
 
         one_of_three(options, budget_ms, preset)
         self.given_model = model
         self._notes: tuple[str, ...] = ()
-        self._apply(options or preset_options(preset or "exact"), camera or model.camera)
+        self._apply(options or preset_for(model, preset or "exact"), camera or model.camera)
         if budget_ms is not None:
             chosen, self._notes = within_budget(self, budget_ms)
             self._apply(chosen, self.camera)

@@ -10,6 +10,7 @@ from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import ray_kernels
 from relight3d.relight.buffers import Buffers
+from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
@@ -36,6 +37,7 @@ class Shadows:
         self._scene, self._model, self._view, self._buffers, self._options = scene, model, view, buffers, options
         num = len(buffers)
         self._offset = np.float32(scene.offset_distance)
+        self._ground = ground_of(model.mesh)
         self._tiles = tiles(num)
         self._origins, self._ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
         self._limits, self._index = np.empty(num, np.float32), np.empty(num, np.int32)
@@ -99,7 +101,7 @@ class Shadows:
         b = self._buffers
         geometry = (b.position, b.geometric_normal, b.normal, self._offset, part.start, part.stop)
         return ray_kernels.ask(
-            light, *geometry, chosen, self._state, self._origins, self._ways, self._limits, self._index
+            light, self._ground, *geometry, chosen, self._state, self._origins, self._ways, self._limits, self._index
         )
 
     def _unshadowed(self, light: np.ndarray, part: slice, seen: Seen) -> None:
@@ -192,12 +194,14 @@ class Shadows:
 
     def _cast_thrown(self, light: Light, mirror_index: int) -> Seen:
         b, mirror = self._buffers, self._model.mirrors[mirror_index]
-        virtual = light_row(mirrored_light(light, mirror))[None]
+        virtual, real = light_row(mirrored_light(light, mirror))[None], light_row(light)[None]
         plane = np.array([*mirror.point, *mirror.normal, mirror.radius, 3.9 * self._offset], np.float32)
         geometry = (b.position, b.geometric_normal, b.normal)
 
         def rule_out(part: slice) -> np.ndarray:
-            count = ray_kernels.may_get_thrown(virtual, plane, *geometry, part.start, part.stop, self._index)
+            count = ray_kernels.may_get_thrown(
+                virtual, real, self._ground, plane, *geometry, part.start, part.stop, self._index
+            )
             return self._index[part.start : part.start + count]
 
         left = np.concatenate([np.zeros(0, np.int32), *over_threads(rule_out, self._tiles)])

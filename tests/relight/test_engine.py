@@ -1,0 +1,268 @@
+"""The compiled frame against the readable reference, and the rays that a frame may cast."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight3d.errors import InputError
+from relight3d.lights import DirectionalLight, PointLight, RectangleLight, SphereLight
+from relight3d.relight.options import PRESETS, RelightOptions
+from relight3d.relight.relighter import Relighter
+from tests.relight import models
+
+# float32 sums in another order: 1e-5 of a value's own size was measured; an error of one part in a thousand fails.
+RELATIVE = 1e-4
+NUMPY = RelightOptions(backend="numpy")
+
+
+def worst_difference(got: np.ndarray, wanted: np.ndarray, white: float) -> float:
+    """The largest difference relative to the wanted value, or to a twentieth of white where it is darker."""
+    return float((np.abs(got - wanted) / np.maximum(np.abs(wanted), white / 20)).max())
+
+
+def assert_equal_frames(model, lights, camera=None, **changes) -> None:
+    ours = Relighter(model, camera, RelightOptions(backend="numba", **changes)).render(lights)
+    reference = Relighter(model, camera, RelightOptions(backend="numpy", **changes)).render(lights)
+    assert worst_difference(ours.radiance, reference.radiance, 1 / model.exposure) < RELATIVE
+    for effect, num in reference.stats.rays.items():
+        assert ours.stats.rays[effect] == num, effect
+
+
+@pytest.mark.parametrize("name", models.LIGHTS)
+@pytest.mark.parametrize("captured", [True, False], ids=["captured", "elsewhere"])
+def test_equals_reference(name: str, captured: bool) -> None:
+    model = models.full()
+    assert_equal_frames(model, models.LIGHTS[name], None if captured else models.other_camera(model))
+
+
+@pytest.mark.parametrize("basis", ["constant", "linear", "angles2", "cosines2", "sh3", "hsh2", "hsh3"])
+def test_every_basis(basis: str) -> None:
+    assert_equal_frames(models.full(basis), models.LIGHTS["several"])
+
+
+@pytest.mark.parametrize("site", ["face", "pixel"])
+@pytest.mark.parametrize("captured", [True, False], ids=["captured", "elsewhere"])
+def test_every_site(site: str, captured: bool) -> None:
+    model = models.full("linear", site)
+    assert_equal_frames(model, models.LIGHTS["several"], None if captured else models.other_camera(model))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"shadows": "off"},
+        {"borders": False},
+        {"edge_samples": 1},
+        {"edge_samples": 16},
+        {"max_bounces": 0},
+        {"max_bounces": 1},
+        {"thrown": False},
+        {"indirect": False},
+        {"max_lobes": 0},
+        {"detail": False},
+        {"residual": False},
+        {"max_modes": 2},
+    ],
+    ids=str,
+)
+def test_every_option(changes: dict) -> None:
+    assert_equal_frames(models.full(), models.LIGHTS["several"], **changes)
+
+
+def test_a_wrong_frame_is_told_apart() -> None:
+    model = models.full()
+    frame = Relighter(model).render([models.SUN]).radiance
+    assert worst_difference(frame * 1.001, frame, 1 / model.exposure) > RELATIVE
+
+
+def test_terms_add_up() -> None:
+    frame = Relighter(models.full()).render(models.LIGHTS["several"])
+    terms = frame.terms
+    parts = [terms.direct, terms.specular, terms.indirect, terms.mirror]
+    assert all(part is not None for part in parts)
+    np.testing.assert_allclose(np.maximum(sum(parts), 0.0), frame.radiance, rtol=1e-3, atol=1e-5)
+
+
+def test_absent_terms_are_none() -> None:
+    model = replace(models.plain(), indirect=None)
+    terms = Relighter(model).render([models.SUN]).terms
+    assert terms.direct is not None
+    assert terms.specular is None and terms.indirect is None and terms.mirror is None
+
+
+# ----------------------------------------------------------------------------------------------- rays
+
+
+def test_only_pixels_that_face_the_light_cast_a_ray() -> None:
+    relighter = Relighter(models.plain(), options=RelightOptions(borders=False))
+    light = np.asarray(models.SUN.to_light)
+    points, normal = relighter.view.points, relighter.view.normal
+    facing = (points.geometric_normal @ light > 0) & (normal @ light > 0)
+    assert relighter.render([models.SUN]).stats.rays["shadow"] == facing.sum()
+
+
+@pytest.mark.parametrize("light", [DirectionalLight((0.1, 0.1, -1.0), 3.0), DirectionalLight((0.5, 0.3, -0.6), 3.0)])
+def test_a_light_below_the_horizon_casts_no_ray(light: DirectionalLight) -> None:
+    assert Relighter(models.full()).render([light]).stats.num_rays == 0
+
+
+def test_a_light_without_power_casts_no_ray() -> None:
+    assert Relighter(models.full()).render([DirectionalLight((0, 0, 1), 0.0)]).stats.num_rays == 0
+
+
+def test_outside_the_cone_no_ray() -> None:
+    away = models.SPOT.moved(direction=(0.0, 0.0, 1.0))
+    assert Relighter(models.full()).render([away]).stats.num_rays == 0
+
+
+def test_a_new_colour_casts_no_ray() -> None:
+    relighter = Relighter(models.full())
+    relighter.render(models.LIGHTS["several"])
+    again = relighter.render([light.scaled((0.5, 2.0, 1.0)) for light in models.LIGHTS["several"]])
+    assert again.stats.num_rays == 0
+    fresh = Relighter(models.full()).render([light.scaled((0.5, 2.0, 1.0)) for light in models.LIGHTS["several"]])
+    np.testing.assert_array_equal(again.radiance, fresh.radiance)
+
+
+def test_a_light_that_stands_still_casts_no_ray() -> None:
+    relighter = Relighter(models.full())
+    alone = relighter.render([models.RED]).stats.num_rays
+    relighter.render([models.SUN])
+    assert relighter.render([models.SUN, models.RED]).stats.num_rays == 0
+    assert alone > 0
+
+
+def test_many_lights_of_one_frame_are_all_kept() -> None:
+    relighter = Relighter(models.plain(), options=RelightOptions(keep_lights=1))
+    lights = [DirectionalLight((0.1 * k, 0.2, 1.0), 1.0) for k in range(12)]
+    relighter.render(lights)
+    assert relighter.render(lights).stats.num_rays == 0
+
+
+def test_an_absent_effect_takes_no_ray_and_no_array() -> None:
+    relighter = Relighter(models.plain())
+    frame = relighter.render([models.SUN])
+    assert frame.stats.rays["thrown"] == 0
+    assert relighter._engine.buffers.modes is None
+    assert len(relighter._engine.buffers.lobes) == 0
+
+
+# ----------------------------------------------------------------------------------------------- soft light
+
+
+@pytest.mark.parametrize(
+    "light",
+    [SphereLight((0.4, -0.3, 1.2), 2.0, 0.2), RectangleLight((0.4, -0.3, 1.2), 2.0, (0.3, 0, 0), (0, -0.3, 0))],
+    ids=["sphere", "rectangle"],
+)
+def test_an_extended_light_is_its_samples(light) -> None:
+    relighter = Relighter(models.plain(), options=RelightOptions(light_samples=9))
+    soft = relighter.render([light])
+    assert soft.stats.rays["soft"] > 0 and soft.stats.rays["shadow"] == 0
+    again = Relighter(models.plain()).render(light.samples(9))
+    np.testing.assert_allclose(soft.radiance, again.radiance, rtol=1e-5, atol=1e-6)
+
+
+def test_a_small_far_sphere_is_a_point() -> None:
+    sphere, point = SphereLight((0.0, 0.0, 50.0), 2500.0, 1e-3), PointLight((0.0, 0.0, 50.0), 2500.0)
+    relighter = Relighter(models.plain())
+    np.testing.assert_allclose(
+        relighter.render([sphere]).radiance, relighter.render([point]).radiance, rtol=1e-3, atol=1e-4
+    )
+
+
+def test_soft_costs_nothing_unless_asked_for() -> None:
+    assert "soft" not in Relighter(models.plain()).render([models.LAMP]).stats.rays
+
+
+# ----------------------------------------------------------------------------------------------- numbers
+
+
+@pytest.mark.parametrize("threads", ["1", "3"])
+def test_any_number_of_threads_gives_the_same_frame(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = Relighter(models.full()).render(models.LIGHTS["several"]).radiance
+    monkeypatch.setenv("RELIGHT3D_THREADS", threads)
+    monkeypatch.setattr("relight3d.relight.shadows.MIN_TILE", 64)
+    got = Relighter(models.full()).render(models.LIGHTS["several"]).radiance
+    np.testing.assert_array_equal(got, wanted)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, 1e-12), (1e15, 0.0, 1e15), (0.45, -0.15, 0.6)])
+@pytest.mark.parametrize("intensity", [1e-30, 1e20])
+def test_nasty_lamps_give_finite_frames(place: tuple, intensity: float) -> None:
+    assert np.isfinite(Relighter(models.full()).render([PointLight(place, intensity)]).radiance).all()
+
+
+def test_steep_lobes_stay_finite() -> None:
+    model = models.full()
+    lobes = tuple(replace(lobe, exponent=1e4) for lobe in model.lobes[2])
+    model = replace(model, lobes=(*model.lobes[:2], lobes, *model.lobes[3:]))
+    assert np.isfinite(Relighter(model).render(models.LIGHTS["several"]).radiance).all()
+
+
+def test_int16_is_off_by_its_steps_only() -> None:
+    model = models.full()
+    exact = Relighter(model).render(models.LIGHTS["several"]).radiance
+    short = Relighter(model, options=RelightOptions(precision="int16")).render(models.LIGHTS["several"]).radiance
+    error = np.abs(short - exact).max()
+    # Half a step (1/65534 of a mode's peak) for each of ten modes; a tenth of that would be luck, 1e-3 a bug.
+    assert 0 < error < 1e-3 * np.abs(exact).max()
+
+
+def test_an_empty_view() -> None:
+    model = models.full()
+    away = models.other_camera(model)
+    pose = away.world_from_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ np.diag([-1.0, 1.0, -1.0])  # turn around
+    camera = type(away).from_transform(pose, away)
+    frame = Relighter(model, camera).render(models.LIGHTS["several"])
+    assert not frame.is_hit.any() and not frame.radiance.any()
+
+
+# ----------------------------------------------------------------------------------------------- approximations
+
+
+def lit_difference(options: RelightOptions) -> tuple[float, int]:
+    """The mean absolute error of direct light relative to its mean, and the rays cast."""
+    model = models.plain()
+    exact = Relighter(model, options=RelightOptions(borders=False)).render([models.SUN]).radiance
+    frame = Relighter(model, options=options).render([models.SUN])
+    return float(np.abs(frame.radiance - exact).mean() / exact.mean()), frame.stats.rays["shadow"]
+
+
+def test_adaptive_shadows_save_rays_and_hardly_differ() -> None:
+    _, all_rays = lit_difference(RelightOptions(borders=False))
+    error, rays = lit_difference(RelightOptions(shadows="adaptive", borders=False))
+    assert rays < 0.9 * all_rays  # at 64 x 48 much is outline; on the desk it is 0.4
+    assert error < 0.01
+
+
+def test_a_finer_table_is_closer() -> None:
+    errors = [
+        lit_difference(RelightOptions(shadows="table", table_directions=num, borders=False)) for num in (64, 1024)
+    ]
+    assert all(rays == 0 for _, rays in errors)
+    assert errors[1][0] < errors[0][0] < 0.5
+    assert errors[1][0] < 0.06
+
+
+def test_presets_render() -> None:
+    for name in PRESETS:
+        assert np.isfinite(Relighter(models.full(), preset=name).render(models.LIGHTS["several"]).radiance).all()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"options": NUMPY, "preset": "fast"}, {"preset": "best"}, {"budget_ms": -1.0}, {"budget_ms": float("nan")}],
+    ids=str,
+)
+def test_bad_settings_are_refused(arguments: dict) -> None:
+    with pytest.raises(InputError):
+        Relighter(models.plain(), **arguments)
+
+
+@pytest.mark.parametrize("arguments", [{"lattice_px": 3}, {"max_lobes": -1}, {"light_samples": 0}, {"edge_samples": 5}])
+def test_bad_options_are_refused(arguments: dict) -> None:
+    with pytest.raises(InputError):
+        RelightOptions(**arguments)
