@@ -69,7 +69,8 @@ class Demo(Command):
             "relit": "frames of it (their lights: few.json)",
             "model.relight": "the model: relight3d view, render, plan and report take it",
         }
-        lines = [f"  {self.output / name!s:<34} {words}" for name, words in files.items()]
+        width = max(len(str(self.output / name)) for name in files)
+        lines = [f"  {self.output / name!s:<{width}}  {words}" for name, words in files.items()]
         return "\n".join(["", f"Results are in {self.output.resolve()}:", *lines])
 
 
