@@ -31,11 +31,19 @@ def nudged(lights: Iterable[Light], radius: float, steps: int = 1) -> list[Light
 
 
 def frame_ms(relighter: "Relighter", num_frames: int = NUM_FRAMES) -> float:
-    """The median time of frames under the model's own lights, each one moved; the first, which may compile, is left out.
-
-    As a user with a moving light sees it: shadows are cast in every frame.
+    """The median time of frames under the model's own lights, as a user sees it whose light moves: shadows are cast in
+    every frame. The first frame, which may compile, is not counted.
     """
     return float(np.median(frame_times_ms(relighter, num_frames)))
+
+
+def frame_pair_ms(one: "Relighter", other: "Relighter", num_pairs: int) -> tuple[float, float]:
+    """The median times of two relighters' frames, rendered in turn: what else the machine does falls on both."""
+    if one is other:
+        took = frame_ms(one, num_pairs)
+        return took, took
+    times = np.array([(frame_times_ms(one, 1)[0], frame_times_ms(other, 1)[0]) for _ in range(num_pairs)])
+    return float(np.median(times[:, 0])), float(np.median(times[:, 1]))
 
 
 def frame_times_ms(relighter: "Relighter", num_frames: int = NUM_FRAMES) -> Float64[np.ndarray, " frame"]:

@@ -118,7 +118,7 @@ def _surface_lines(model: RelightModel, view: View, facing: np.ndarray, millisec
     asked, points = facing.sum(axis=1), np.bincount(view.surface, minlength=len(facing))
     cast = min(1.0, rays.get("shadow", 0) / max(int(asked.sum()), 1))  # a lattice or a cache asks for fewer
     lines = []
-    for s in np.flatnonzero(points):
+    for s in np.flatnonzero(points).tolist():
         why = f"{points[s]} points" if asked[s] else "no light above it"
         share = milliseconds.get("shadow", 0.0) * asked[s] / max(int(asked.sum()), 1)
         share += milliseconds.get("shade", 0.0) * points[s] / len(view.surface)
