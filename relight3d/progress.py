@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TextIO, TypeVar
+from typing import Literal, TypeVar
 
 from rich.console import Console, RenderableType
 from rich.progress import (
@@ -25,17 +25,17 @@ Report = Callable[[str, float], None]  # a stage that begins or ends, and the fr
 
 def say(line: str) -> None:
     """A line of results, on standard output."""
-    _console(sys.stdout).print(line, soft_wrap=True)
+    _console("stdout").print(line, soft_wrap=True)
 
 
 def show(table: RenderableType) -> None:
     """A table of results, on standard output."""
-    _console(sys.stdout).print(table)
+    _console("stdout").print(table)
 
 
 def remark(line: str) -> None:
     """A line about the run, on standard error."""
-    _console(sys.stderr).print(line, soft_wrap=True)
+    _console("stderr").print(line, soft_wrap=True)
 
 
 @contextmanager
@@ -58,7 +58,7 @@ def shown_log(verbose: bool) -> Iterator[None]:
 @contextmanager
 def stage_bar(title: str, quiet: bool = False) -> Iterator[Report]:
     """Gives `report(stage, fraction)` to a run of stages, and shows it: as a bar, or as lines where no terminal is."""
-    console = _console(sys.stderr)
+    console = _console("stderr")
     if quiet:
         yield lambda stage, fraction: None
     elif not console.is_terminal:
@@ -76,7 +76,7 @@ def stage_bar(title: str, quiet: bool = False) -> Iterator[Report]:
 
 def track(items: Iterable[Item], title: str, total: int, quiet: bool = False) -> Iterator[Item]:
     """The items one by one, with a bar that counts them; where no terminal is, a line for each tenth of them."""
-    console = _console(sys.stderr)
+    console = _console("stderr")
     if quiet:
         yield from items
     elif not console.is_terminal:
@@ -94,7 +94,7 @@ def track(items: Iterable[Item], title: str, total: int, quiet: bool = False) ->
 @contextmanager
 def working(title: str, quiet: bool = False) -> Iterator[None]:
     """A spinner for work whose length is not known; nothing where no terminal is."""
-    console = _console(sys.stderr)
+    console = _console("stderr")
     if quiet or not console.is_terminal:
         yield
     else:
@@ -115,6 +115,7 @@ def _line_reporter(title: str) -> Report:
     return report
 
 
-def _console(stream: TextIO) -> Console:
+def _console(name: Literal["stdout", "stderr"]) -> Console:
+    stream = getattr(sys, name)
     # Tables need room in a pipe or file, which say nothing of their width.
     return Console(file=stream, width=None if stream.isatty() else 140, highlight=False, markup=False)
