@@ -94,7 +94,7 @@ def misfit(
 ) -> float:
     """Mean squared compressed error over some photographs, for the choice between kinds of detail."""
     total = weight = 0.0
-    for photo in photos:
+    for photo in map(int, photos):
         diffuse, specular = _shade(data, lobes, normal, photo)
         miss = np.arcsinh((diffuse + gain[:, None] * specular) / white) - np.arcsinh(data.measured[photo] / white)
         total += float((data.weight[photo][:, None] * np.minimum(miss**2, 0.25)).sum())

@@ -22,6 +22,7 @@ from relight3d.shading import lobe_brdf
 
 MAX_EXPONENT = 1e4
 MAX_ENERGY = 1.0
+MIN_NEAR_PEAK, PEAK_SHARE = 10, 0.5  # so many samples must see a lobe at this share of its peak
 REFINED_SAMPLES = 2_200  # for at most 21 parameters
 
 
@@ -103,6 +104,9 @@ def fit_lobes(
             for k, x in atoms
         ]
     )
+    # A lobe whose peak no photograph comes near would be an extrapolation: it explains a misfit by its foot, and blazes
+    # under a light that nobody has tried.
+    is_seen = _seen_at_peak(shapes)
     parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
     whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
     systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
@@ -111,7 +115,9 @@ def fit_lobes(
     none = best_error
     for _ in range(options.max_lobes):
         errors = np.full(len(atoms), np.inf)
-        order = [int(atom) for atom in _promising(whole, chosen, 14)]
+        order = [int(atom) for atom in _promising(whole, chosen, is_seen, 14)]
+        if not order:
+            break
         for atom in order:
             trial = [*chosen, atom]
             errors[atom] = sum(
@@ -133,7 +139,10 @@ def fit_lobes(
         x[2:5] = np.log(np.clip(color, 1e-5, 1e3))
         kept.append((kind, x))
     thin = np.arange(0, len(samples.photo), max(1, len(samples.photo) // REFINED_SAMPLES))
-    kept, last = _refined(samples.take(thin), white, tangent, kept)
+    refined, last = _refined(samples.take(thin), white, tangent, kept)
+    # The shapes may walk away from what is seen; then those of the dictionary stand.
+    if _seen_at_peak(np.stack([_shape(samples, kind, x, tangent) for kind, x in refined])).all():
+        kept = refined
     lobes = tuple(_lobe(kind, parameters, tangent) for kind, parameters in kept)
     return _within_energy(lobes), last, float(10 * np.log10(max(none, 1e-30) / max(best_error, 1e-30)))
 
@@ -180,8 +189,19 @@ def _colors(system: tuple, chosen: list[int]) -> np.ndarray:
     return colors
 
 
-def _promising(system: tuple, chosen: list[int], count: int) -> np.ndarray:
-    """The atoms that would lower the fitted photographs' error most, given those chosen."""
+def _shape(samples: LobeSamples, kind: str, x: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+    """A lobe's value at each sample as a share of its peak."""
+    one = np.concatenate([x[:2], np.zeros(3), x[5:]])
+    return lobe_brdf((_lobe(kind, one, tangent),), samples.normal, samples.to_light, samples.to_viewer)[:, 0]
+
+
+def _seen_at_peak(shapes: np.ndarray) -> np.ndarray:
+    """For each row of shares of a peak, whether enough samples come near it."""
+    return np.sort(shapes, axis=1)[:, -MIN_NEAR_PEAK] >= PEAK_SHARE
+
+
+def _promising(system: tuple, chosen: list[int], is_seen: np.ndarray, count: int) -> np.ndarray:
+    """The atoms that would lower the fitted photographs' error most, given those chosen; of those seen at their peak."""
     grams, moments = system
     colors = _colors(system, chosen) if chosen else np.zeros((0, 3))
     gain = np.zeros(grams.shape[1])
@@ -189,7 +209,9 @@ def _promising(system: tuple, chosen: list[int], count: int) -> np.ndarray:
         left = moments[color] - grams[color][:, chosen] @ colors[:, color]
         gain += np.maximum(left, 0.0) ** 2 / np.maximum(np.diag(grams[color]), 1e-30)
     gain[chosen] = -1.0
-    return np.argsort(gain)[::-1][:count]
+    gain[~is_seen] = -1.0
+    order = np.argsort(gain)[::-1][:count]
+    return order[gain[order] >= 0]
 
 
 def _held_out(samples, shapes, white, chosen, colors, is_out) -> float:

@@ -43,15 +43,15 @@ def fitted_part(model: RelightModel, light: DirectionalLight) -> np.ndarray:
     return frame(model, light) - frame(bare, light)
 
 
-def _stays_bounded(capture: Capture) -> Outcome:
-    model = checked(capture)
+def _stays_bounded(capture: Capture, runaway: float = RUNAWAY) -> Outcome:
+    model = checked(capture, runaway=runaway)
     photographed_lights = [p.lights[0] for p in capture.split("train")]
     known = max(np.abs(fitted_part(model, light)).max() for light in photographed_lights)
     lights = everywhere()
     farthest = max(np.abs(fitted_part(model, light)).max() for light in lights)
     assert farthest <= FITTED_BOUND * known, (farthest, known)
     largest = max(frame(model, light).max() for light in lights)
-    assert largest <= RUNAWAY * brightest(capture), (largest, brightest(capture))
+    assert largest <= runaway * brightest(capture), (largest, brightest(capture))
     error = held_out_error(model, capture)
     return outcome(model, error, f"fitted light at most {farthest / known:.2f} times the photographed")
 
@@ -73,7 +73,8 @@ def nearly_one_light() -> Outcome:
     rng = np.random.default_rng(5)
     lights = [toward(50 + 1.5 * a, 60 + 2 * b) for a, b in rng.uniform(-1, 1, (10, 2))]
     test = [p.lights for p in good_capture().split("test")]
-    return _stays_bounded(photographed(desk_scene(2 * WIDTH, 2 * HEIGHT), lights, test))
+    # What all ten only graze may be taken for white: radiance 1 and its indirect light, where the brightest is 0.56.
+    return _stays_bounded(photographed(desk_scene(2 * WIDTH, 2 * HEIGHT), lights, test), runaway=2.5)
 
 
 @case("extrapolation", "a lamp close to the scene, photographed under distant light", "1 / distance^2 in a fit")

@@ -114,14 +114,14 @@ def good_error() -> float:
 # ------------------------------------------------------------------------------------------- what must hold
 
 
-def checked(capture: Capture, options: RecoverOptions = SMALL) -> RelightModel:
+def checked(capture: Capture, options: RecoverOptions = SMALL, runaway: float = RUNAWAY) -> RelightModel:
     """Recover, and assert what every model must fulfil."""
     model = recover(capture, options, quiet=True)
-    assert_sane(model, capture)
+    assert_sane(model, capture, runaway)
     return model
 
 
-def assert_sane(model: RelightModel, capture: Capture) -> None:
+def assert_sane(model: RelightModel, capture: Capture, runaway: float = RUNAWAY) -> None:
     """Every number finite and in its bounds, every status a known one, every frame finite and not running away."""
     for name, values in numbers_of(model):
         if name.endswith("condition"):
@@ -139,7 +139,7 @@ def assert_sane(model: RelightModel, capture: Capture) -> None:
     for family, health in model.health.items():
         assert set(np.unique(health.status)) <= {int(s) for s in Status}, family
         assert (health.rank >= 0).all(), family
-    limit = RUNAWAY * brightest(capture)
+    limit = runaway * brightest(capture)
     for photograph in capture.photographs:
         if photograph.camera.same_as(capture.camera):
             radiance = frame(model, *photograph.lights)

