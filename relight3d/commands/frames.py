@@ -1,8 +1,8 @@
 """Sequences of frames as files: numbered frames that a later run continues, and films."""
 
 import json
-from collections.abc import Iterable, Sequence
-from contextlib import closing
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from itertools import chain
 from pathlib import Path
 
@@ -45,20 +45,28 @@ def write_film(path: Path, frames: Iterable[Frame], fps: float, exposure: float 
     pictures = (_even(show_frame_u8(frame, exposure)) for frame in frames)
     first = next(pictures)
     size = (first.shape[1], first.shape[0])
+    with atomic_path(path) as temporary, _said_by_ffmpeg(path):
+        writer = imageio_ffmpeg.write_frames(
+            str(temporary), size, fps=fps, quality=8, macro_block_size=1, ffmpeg_log_level="quiet"
+        )
+        with closing(writer):
+            writer.send(None)
+            for picture in chain([first], pictures):
+                if picture.shape != first.shape:
+                    raise InputError("camera", "frames of several sizes", "one size for all frames of a film")
+                writer.send(np.ascontiguousarray(picture))
+
+
+@contextmanager
+def _said_by_ffmpeg(path: Path) -> Iterator[None]:
+    """What stops ffmpeg, as an InputError: it is missing on this platform, or its pipe breaks when the disk is full."""
     try:
-        with atomic_path(path) as temporary:
-            writer = imageio_ffmpeg.write_frames(
-                str(temporary), size, fps=fps, quality=8, macro_block_size=1, ffmpeg_log_level="error"
-            )
-            with closing(writer):
-                writer.send(None)
-                for picture in chain([first], pictures):
-                    if picture.shape != first.shape:
-                        raise InputError("camera", "frames of several sizes", "one size for all frames of a film")
-                    writer.send(np.ascontiguousarray(picture))
-    except RuntimeError as error:  # no ffmpeg for this platform
+        yield
+    except RuntimeError as error:
         hint = "write numbered frames to a folder instead"
         raise InputError(str(path), error, "a system with ffmpeg", hint) from error
+    except OSError as error:
+        raise InputError(str(path), "ffmpeg stopped in the midst of it", "a disk with room for the film") from error
 
 
 def _listed(folder: Path) -> dict[str, str]:

@@ -111,6 +111,22 @@ def test_a_film_of_odd_sides_is_made_even(run, model_file: Path, tmp_path: Path)
     assert len(decoded(film, (34, 26))) == 2
 
 
+@pytest.mark.parametrize(
+    ("error", "words"), [(BrokenPipeError(32, "Broken pipe"), "disk"), (RuntimeError("No ffmpeg exe"), "No ffmpeg exe")]
+)
+def test_a_film_that_fails_leaves_nothing(
+    run, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, words: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("imageio_ffmpeg.write_frames", fail)
+    lights = write(tmp_path / "lights.json", [light(0.1), light(0.2)])
+    status, _, err = run("render", model_file, "--lights", lights, "-o", tmp_path / "film.mp4", "--quiet")
+    assert_one_line(status, err, "film.mp4", words)
+    assert list(tmp_path.iterdir()) == [lights]
+
+
 def test_a_camera_path_makes_a_sequence(run, model_file: Path, tmp_path: Path) -> None:
     pose = relight3d.load_model(model_file).camera.world_from_camera
     poses = []
