@@ -6,18 +6,23 @@ are stored sixteen pixels side by side: a vector register holds one mode of a wh
 """
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from relight3d.camera import Camera
-from relight3d.forward import residual_source
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel, Residual
+from relight3d.relight.tiles import tiles
+from relight3d.relight.view_kernels import fade_shares
+from relight3d.tracing import over_threads
 from relight3d.views import View
 
 LANES = 16  # pixels side by side in a block
-MAX_DEGREE = 3
+
+# A residual's blocks serve every viewpoint; they go when the residual does.
+_blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,12 +214,29 @@ def _modes(
         source, share = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
     else:
         rows = np.arange(len(model.pixels.points), dtype=np.int32)
-        source, share = residual_source(model, view)
-        counts = np.bincount(view.points.pixel, minlength=view.camera.num_pixels)[view.points.pixel]
-        source, share = np.maximum(source, 0)[order], (share / counts[:, None])[order].astype(np.float32)
-    lit, lit_step = _in_blocks(residual.lit_modes, rows, precision)
-    dark, dark_step = _in_blocks(residual.dark_modes, rows, precision)
+        source, share = _faded(model, view, order)
+    kept = _blocks.setdefault(residual, {})
+    key = (captured, precision)  # the captured view has one order, all others share another
+    if key not in kept:
+        lit, lit_step = _in_blocks(residual.lit_modes, rows, precision)
+        dark, dark_step = _in_blocks(residual.dark_modes, rows, precision)
+        kept[key] = (lit, dark, lit_step, dark_step)
+    lit, dark, lit_step, dark_step = kept[key]
     return Modes(lit, dark, lit_step, dark_step, source, share)
+
+
+def _faded(model: RelightModel, view: View, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """forward.residual_source for a view that is not the captured one, over the points of each pixel."""
+    counts = np.bincount(view.points.pixel, minlength=view.camera.num_pixels).astype(np.int32)
+    source, share = np.empty((len(order), 4), np.int32), np.empty((len(order), 4), np.float32)
+    captured = model.pixels.points.to_viewer
+
+    def fade(part: slice) -> None:
+        given = (order, view.source, view.share, captured, view.points.to_viewer, view.is_mirrored, view.points.pixel)
+        fade_shares(part.start, part.stop, *given, counts, source, share)
+
+    over_threads(fade, tiles(len(order)))
+    return source, share
 
 
 def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.ndarray, np.ndarray]:
@@ -234,6 +256,6 @@ def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.
         out[first : first + 256] = (
             padded.reshape(len(padded) // LANES, LANES, num_modes, 3)
             .transpose(0, 2, 3, 1)
-            .reshape(-1, num_modes, 3 * LANES)
+            .reshape(len(padded) // LANES, num_modes, 3 * LANES)
         )
     return out, step

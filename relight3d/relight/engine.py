@@ -14,7 +14,8 @@ from relight3d.relight import kernels
 from relight3d.relight.buffers import LANES, Sites, pack_view
 from relight3d.relight.light_rows import light_row
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shadows import Shadows, tiles
+from relight3d.relight.shadows import Shadows
+from relight3d.relight.tiles import tiles
 from relight3d.shading import mirrored_light, residual_kernel
 from relight3d.tracing import RayScene, over_threads
 from relight3d.views import View
@@ -150,8 +151,8 @@ class Engine:
             return NO_WEIGHTS, NO_WEIGHTS
         softening = indirect.softening if indirect is not None else 0.5 * self.model.mesh.radius
         pairs = [residual_kernel(residual, light, softening) for light in lights]
-        lit = np.array([p[0] for p in pairs], np.float32).reshape(-1, len(modes.lit_step)) * modes.lit_step
-        dark = np.array([p[1] for p in pairs], np.float32).reshape(-1, len(modes.dark_step)) * modes.dark_step
+        lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), len(modes.lit_step)) * modes.lit_step
+        dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), len(modes.dark_step)) * modes.dark_step
         return lit, dark
 
     def _residual_images(self, lit_weights: np.ndarray, dark_weights: np.ndarray) -> np.ndarray:

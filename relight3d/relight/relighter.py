@@ -109,7 +109,12 @@ class Relighter:
 
 
 def _view(scene: RayScene, model: RelightModel, camera: Camera, options: RelightOptions) -> View:
-    return build_view(scene, model, camera, ViewOptions(options.edge_samples, options.max_bounces))
+    follow = ViewOptions(options.edge_samples, options.max_bounces)
+    if camera.same_as(model.camera) or _engine_class(options.backend) is None:
+        return build_view(scene, model, camera, follow)
+    from relight3d.relight.fast_view import build_fast_view
+
+    return build_fast_view(scene, model, camera, follow)
 
 
 def _engine_class(backend: str):

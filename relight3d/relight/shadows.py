@@ -14,12 +14,11 @@ from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.tiles import tiles
 from relight3d.shading import cast_thrown, mirrored_light
-from relight3d.tracing import NO_LIMITS, RayScene, num_threads, over_threads
+from relight3d.tracing import NO_LIMITS, RayScene, over_threads
 from relight3d.views import BORDER_PATTERN, View
 
-TILES_PER_THREAD = 4  # so that a thread that is held up leaves its work to the others
-MIN_TILE = 4096
 EVERYWHERE = np.zeros(0, bool)
 
 Seen = UInt8[np.ndarray, " point"]
@@ -214,13 +213,6 @@ class Shadows:
             seen[left] = np.where(form > 0, FULL, 0)
             self.rays["thrown"] += num_rays
         return seen
-
-
-def tiles(num: int, multiple: int = 16) -> list[slice]:
-    """Slices that cover range(num), each beginning at a multiple."""
-    size = max(MIN_TILE, -(-num // (TILES_PER_THREAD * num_threads())))
-    size = -(-size // multiple) * multiple
-    return [slice(first, min(first + size, num)) for first in range(0, num, size)]
 
 
 def octahedral_directions(side: int) -> Float32[np.ndarray, "direction 3"]:

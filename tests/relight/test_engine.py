@@ -183,7 +183,7 @@ def test_soft_costs_nothing_unless_asked_for() -> None:
 def test_any_number_of_threads_gives_the_same_frame(threads: str, monkeypatch: pytest.MonkeyPatch) -> None:
     wanted = Relighter(models.full()).render(models.LIGHTS["several"]).radiance
     monkeypatch.setenv("RELIGHT3D_THREADS", threads)
-    monkeypatch.setattr("relight3d.relight.shadows.MIN_TILE", 64)
+    monkeypatch.setattr("relight3d.relight.tiles.MIN_TILE", 64)
     got = Relighter(models.full()).render(models.LIGHTS["several"]).radiance
     np.testing.assert_array_equal(got, wanted)
 
