@@ -36,8 +36,6 @@ class Import(Command):
     def run(self) -> None:
         camera = self._read_camera()
         imported = self._read_lights(camera)
-        for note in imported.notes:
-            remark(f"note: {note}")
         capture = capture_from_parts(
             self.folder,
             self.mesh,
@@ -49,6 +47,8 @@ class Import(Command):
             self.test,
             self.unit,
         )
+        for note in imported.notes:
+            remark(f"note: {note}")
         count = f"{len(capture.split('train'))} training and {len(capture.split('test'))} held-out photographs"
         say(f"{self.folder / FILE_NAME}: {count}, {len(capture.mesh.faces)} faces")
 
