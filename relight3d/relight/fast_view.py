@@ -87,15 +87,15 @@ class _ViewMaker:
         found = self.scene.first_hit(origins, directions)
         hit = np.flatnonzero(found.face >= 0).astype(np.int32)
         num = len(hit)
-        vectors = [np.empty((num, 3), np.float32) for _ in range(5)]
+        barycentric, position, geometric, normal, to_viewer = (np.empty((num, 3), np.float32) for _ in range(5))
         depth = np.empty(num, np.float32)
 
         def place(part: slice) -> None:
             rays = (hit, found.face, found.u, found.v, found.distance, directions, way)
-            view_kernels.points_at_hits(*(part.start, part.stop), *rays, *self._mesh, *vectors, depth)
+            out = (barycentric, position, geometric, normal, to_viewer, depth)
+            view_kernels.points_at_hits(part.start, part.stop, *rays, *self._mesh, *out)
 
         over_threads(place, tiles(num))
-        barycentric, position, geometric, normal, to_viewer = vectors
         return ShadingPoints(pixel[hit], found.face[hit], barycentric, position, geometric, normal, to_viewer, depth)
 
     def follow(self, points: ShadingPoints, share: Float32[np.ndarray, " point"]) -> Followed:
