@@ -18,6 +18,7 @@ COMMANDS = {
     "render": ("render.Render", "relight a model: a picture, numbered frames or a film"),
     "evaluate": ("evaluate.Evaluate", "compare a model with photographs it has not seen"),
     "plan": ("plan.Plan", "show which effects a model has on which surface, and the evidence"),
+    "study": ("study.Study", "measure what accuracy costs in time"),
     "view": ("view.View", "move the lights and the camera in a window"),
     "report": ("report.Report", "write a page about a model and its capture"),
     "import": ("import_capture.Import", "make a capture of a mesh, cameras, lights and images of other programs"),

@@ -11,7 +11,7 @@ SURFACE_COLUMNS = ("surface", "kind", "pixels", "PSNR dB", "worst frame")
 WORDS = {  # columns that are flush left
     *("method", "frames", "surface", "kind"),
     *("effect", "where", "state", "confidence", "why"),
-    *("capture", "photograph", "split", "lights", "textured"),
+    *("capture", "photograph", "split", "lights", "textured", "setting"),
 }
 
 
