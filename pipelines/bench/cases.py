@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+
 from bench.enlarge import with_faces
 from bench.measure import bare_embreex, frames, interpolators, open3d_rays, side_by_side
-
 from relight3d.camera import Camera
 from relight3d.records import RelightModel
 from relight3d.relight.relighter import Relighter
