@@ -37,7 +37,7 @@ class Study(Command):
         for family in COSTS:
             show(terminal_table(f"Worth choosing: {family}", COLUMNS, _front(study, family)))
         if study.skipped:
-            remark(f"no time for {len(study.skipped)} of the settings (the page names them); a longer run goes on there")
+            remark(f"no time for {len(study.skipped)} of the settings (the page names them); a longer run goes on")
         say(f"{self.output / 'study.html'}: {len(study.points)} settings in {study.seconds:.0f} s")
 
 
