@@ -6,6 +6,7 @@ are stored sixteen pixels side by side: a vector register holds one mode of a wh
 """
 
 from dataclasses import dataclass
+from functools import cache
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,11 +16,12 @@ from relight3d.camera import Camera
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel, Residual
 from relight3d.relight.tiles import tiles
-from relight3d.relight.view_kernels import fade_shares
+from relight3d.relight.view_kernels import fade_shares, pack_points
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
 LANES = 16  # pixels side by side in a block
+COMPACT_FROM = 2  # times as many sites as points, and only those in sight are kept
 
 # A residual's blocks serve every viewpoint; they go when the residual does.
 _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()
@@ -27,7 +29,7 @@ _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyD
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """Where indirect light is kept, and how each point reads it; compact: only the sites that the view reads.
+    """Where indirect light is kept, and how each point reads it; of a large mesh only the sites in sight.
 
     `to_basis` writes the functions of the basis in monomials of degree 0 to 3; None for a basis that is no polynomial,
     whose functions then come from NumPy.
@@ -95,23 +97,33 @@ class Buffers:
 
 def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Buffers:
     """The view's points in blocks, with everything that a frame reads of them."""
-    points = view.points
     order, pixel_of_rank, start = _block_order(view)
-    place = np.empty(len(order) + 1, np.int32)  # old index -> new; the last entry serves -1
-    place[order], place[-1] = np.arange(len(order), dtype=np.int32), -1
+    num, points = len(order), view.points
     lobes, lobe_range = _lobe_table(model)
-    diffuse = view.albedo * view.throughput / np.float32(np.pi)
+    place = np.empty(num, np.int32)
+    place[order] = np.arange(num, dtype=np.int32)
+    vectors, step = np.empty((6, num, 3), np.float32), np.empty((num, 2, 3), np.float32)
+    neighbour = np.empty((num, 4), np.int32)
+    geometry = (points.position, points.geometric_normal, view.normal, points.to_viewer)
+    reflectance = (view.albedo, view.throughput, view.lobe_gain)
+
+    def pack(part: slice) -> None:
+        given = (order, place, *geometry, *reflectance, view.step, view.neighbour)
+        pack_points(part.start, part.stop, *given, vectors, step, neighbour)
+
+    over_threads(pack, tiles(num))
+    position, geometric_normal, normal, to_viewer, diffuse, gloss = vectors
     return Buffers(
-        position=points.position[order],
-        geometric_normal=points.geometric_normal[order],
-        normal=view.normal[order],
-        to_viewer=points.to_viewer[order],
-        diffuse=diffuse[order],
-        gloss=(view.lobe_gain[:, None] * view.throughput)[order],
+        position=position,
+        geometric_normal=geometric_normal,
+        normal=normal,
+        to_viewer=to_viewer,
+        diffuse=diffuse,
+        gloss=gloss,
         lobe_range=lobe_range[view.surface[order]],
         lobes=lobes,
-        step=view.step[order],
-        neighbour=place[view.neighbour[order]],
+        step=step,
+        neighbour=neighbour,
         point_start=start,
         pixel_of_rank=pixel_of_rank,
         sites=None if model.indirect is None else _sites(model, model.indirect, view, order),
@@ -166,17 +178,20 @@ def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarra
     else:
         source, share = np.maximum(view.source[order], 0), view.share[order]
         positions = model.pixels.points.position
-    used = np.zeros(len(positions), bool)
-    used[source] = True
-    rows = np.flatnonzero(used)
-    compact = (np.cumsum(used) - 1).astype(np.int32)
+    coefficients, ambient, all_positions = indirect.coefficients, indirect.ambient, positions
+    if len(positions) > COMPACT_FROM * len(order):  # most of a large mesh is out of sight
+        used = np.zeros(len(positions), bool)
+        used[source] = True
+        rows = np.flatnonzero(used)
+        source = (np.cumsum(used) - 1).astype(np.int32)[source]
+        positions, coefficients, ambient = positions[rows], coefficients[rows], ambient[rows]
     return Sites(
-        source=compact[source],
+        source=source,
         share=np.ascontiguousarray(share, np.float32),
-        positions=np.ascontiguousarray(positions[rows], np.float32),
-        coefficients=np.ascontiguousarray(indirect.coefficients[rows], np.float32),
-        ambient=np.ascontiguousarray(indirect.ambient[rows], np.float32),
-        all_positions=positions,
+        positions=np.ascontiguousarray(positions, np.float32),
+        coefficients=np.ascontiguousarray(coefficients, np.float32),
+        ambient=np.ascontiguousarray(ambient, np.float32),
+        all_positions=all_positions,
         to_basis=_polynomial(indirect.basis),
     )
 
@@ -188,6 +203,7 @@ def monomials(omega: Float64[np.ndarray, "light 3"]) -> Float64[np.ndarray, "lig
     return np.stack([x**i * y**j * z**k for i, j, k in powers], axis=1)
 
 
+@cache
 def _polynomial(basis: str) -> Float64[np.ndarray, "basis monomial"] | None:
     """The basis in monomials; None where it is no polynomial of degree 3 on the sphere."""
     rng = np.random.default_rng(0)

@@ -4,13 +4,14 @@ Mirrors are followed once for the pixels' centres, and again only for the pixels
 """
 
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from relight3d import views
 from relight3d.camera import Camera
-from relight3d.records import RelightModel, ShadingPoints
+from relight3d.records import PixelMap, RelightModel, ShadingPoints
 from relight3d.relight import view_kernels
 from relight3d.relight.tiles import tiles
 from relight3d.shading import NUDGE_PX, reflected
@@ -20,6 +21,9 @@ from relight3d.views import _Followed as Followed
 
 NO_WAY = np.zeros(0, np.float32)
 NO_TURN = np.zeros((0, 3, 3), np.float32)
+
+# What every viewpoint of a model reads of its captured pixels.
+_kept: "WeakKeyDictionary[PixelMap, tuple[np.ndarray, np.ndarray]]" = WeakKeyDictionary()
 
 
 def build_fast_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> View:
@@ -120,13 +124,11 @@ class _ViewMaker:
         neighbour, point_of_pixel = np.empty((num, 4), np.int32), np.full(camera.num_pixels, -1, np.int32)
         whole = ~cut[points.pixel]
         point_of_pixel[points.pixel[whole]] = np.flatnonzero(whole)
-        seen, eye = model.pixels, model.camera
-        row_of_pixel = np.full(eye.num_pixels, -1, np.int32)
-        row_of_pixel[seen.points.pixel] = np.arange(len(seen.points), dtype=np.int32)
+        seen, eye, (row_of_pixel, tilt) = model.pixels, model.camera, _captured(model)
         lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy, eye.k1, eye.k2, eye.p1, eye.p2])
         project = (lens, np.ascontiguousarray(eye.world_from_camera[:3, :3]), eye.center - model.mesh.center)
         captured = (seen.points.position, seen.points.geometric_normal, seen.points.to_viewer, seen.points.normal)
-        properties = (model.surface_albedo.astype(np.float32), seen.albedo, seen.normal - seen.points.normal)
+        properties = (model.surface_albedo.astype(np.float32), seen.albedo, tilt)
         axes = camera.world_from_camera[:3, :3].astype(np.float32)
         per_pixel = (np.ascontiguousarray(axes[:, 0]) / np.float32(camera.fx), -axes[:, 1] / np.float32(camera.fy))
         turn = np.ascontiguousarray(followed.mirrors, np.float32)
@@ -151,6 +153,16 @@ class _ViewMaker:
             step, neighbour, followed.miss.pixel, miss, followed.miss_share.astype(np.float32),
             is_hit.reshape(camera.height, camera.width), num_rays,
         )  # fmt: skip
+
+
+def _captured(model: RelightModel) -> tuple[Int32[np.ndarray, " pixel"], Float32[np.ndarray, "point 3"]]:
+    """The captured point of each pixel (-1 for none), and how far detail turns its normal."""
+    seen = model.pixels
+    if seen not in _kept:
+        row_of_pixel = np.full(model.camera.num_pixels, -1, np.int32)
+        row_of_pixel[seen.points.pixel] = np.arange(len(seen.points), dtype=np.int32)
+        _kept[seen] = (row_of_pixel, seen.normal - seen.points.normal)
+    return _kept[seen]
 
 
 def _without(followed: Followed, cut: Bool[np.ndarray, " pixel"]) -> Followed:

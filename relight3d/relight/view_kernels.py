@@ -183,3 +183,25 @@ def fade_shares(
                     alike += seen_viewer[there, axis] * to_viewer[p, axis]
                 fade = min(max((alike - far) / (near - far), ZERO), ONE)
                 out_share[q, k] = share[p, k] * fade / counts[pixel[p]]
+
+
+@compiled
+def pack_points(
+    first, last, order, place, position, geometric, normal, to_viewer, albedo, throughput, gain, step, neighbour, out,
+    out_step, out_neighbour,
+):  # fmt: skip
+    """The points order[first..last] side by side: out[0] to out[5] are position, geometric normal, normal, direction
+    to the viewer, albedo / pi * throughput and lobe gain * throughput. `place` says where each point went.
+    """
+    per_pi = np.float32(1 / math.pi)
+    for q in range(first, last):
+        p = order[q]
+        for axis in range(3):
+            out[0, q, axis], out[1, q, axis] = position[p, axis], geometric[p, axis]
+            out[2, q, axis], out[3, q, axis] = normal[p, axis], to_viewer[p, axis]
+            out[4, q, axis] = albedo[p, axis] * throughput[p, axis] * per_pi
+            out[5, q, axis] = gain[p] * throughput[p, axis]
+            out_step[q, 0, axis], out_step[q, 1, axis] = step[p, 0, axis], step[p, 1, axis]
+        for k in range(4):
+            other = neighbour[p, k]
+            out_neighbour[q, k] = place[other] if other >= 0 else -1
