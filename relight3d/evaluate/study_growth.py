@@ -34,7 +34,7 @@ class Growth:
         return self.exponent - 2 * self.scatter <= 1.15
 
 
-def growth_of(what: str, against: str, sizes: Sequence[float], times: Sequence[float]) -> Growth:
+def growth_of(what: str, against: str, sizes: Sequence[float | int], times: Sequence[float | int]) -> Growth:
     """The exponent by least squares on a log-log scale. At least two different sizes."""
     x, y = np.log(np.asarray(sizes, float)), np.log(np.asarray(times, float))
     assert np.ptp(x) > 0, "one size says nothing of growth"

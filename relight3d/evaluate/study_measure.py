@@ -70,16 +70,12 @@ class Judge:
         ]
         return Metrics(tuple(figures))
 
-    def score_model(self, model: RelightModel, options: RelightOptions, resolution: float = 1.0) -> Metrics:
-        """Figures of a model; frames of another resolution are brought to the photographs'."""
-        relighter = Relighter(model, camera=resized(self.capture.camera, resolution), options=options)
+    def score_relighter(self, relighter: Relighter) -> Metrics:
+        """Figures of a relighter; frames of another resolution are brought to the photographs'."""
         full = np.zeros((self.capture.camera.height, self.capture.camera.width), bool)
-        full.ravel()[model.pixels.points.pixel] = True
-        frames = []
-        for photograph in self.photographs:
-            frame = relighter.render(list(photograph.lights))
-            frames.append((brought_to(frame.radiance, full.shape), full))
-        return self.score(frames)
+        full.ravel()[relighter.given_model.pixels.points.pixel] = True
+        frames = [relighter.render(list(photograph.lights)).radiance for photograph in self.photographs]
+        return self.score([(brought_to(frame, full.shape), full) for frame in frames])
 
 
 def point_of(setting: Setting, metrics: Metrics, **figures) -> Point:
@@ -104,7 +100,7 @@ def measure_render(setting: Setting, model: RelightModel, judge: Judge, default:
     camera = resized(model.camera, setting.resolution)
     relighter = default if setting.is_default else Relighter(model, camera=camera, options=options)
     timed = time_in_turn(default, relighter)
-    metrics = judge.score_model(model, options, setting.resolution)
+    metrics = judge.score_relighter(relighter)
     lights = next((each for each in model.lights if each), ())
     rays = relighter.render(nudged(lights, model.mesh.radius, 60)).stats.num_rays
     buffers = getattr(getattr(relighter, "_engine", None), "buffers", None)
@@ -129,8 +125,8 @@ def measure_recovery(setting: Setting, capture: Capture, judge: Judge) -> tuple[
         start = time.perf_counter()
         model = recover(capture, setting.recover_options(), quiet=True)
         seconds = time.perf_counter() - start
-    metrics = judge.score_model(model, RelightOptions())
     relighter = Relighter(model, options=RelightOptions())
+    metrics = judge.score_relighter(relighter)
     times = frame_times_ms(relighter, NUM_REPEATS)
     point = point_of(
         setting,

@@ -1,11 +1,13 @@
 """The plots of a study: error against time, marginal prices, growth. Each is an SVG in a string."""
 
 import io
+import re
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
 from relight3d.evaluate.study import Study, cost_of, dominated
 from relight3d.evaluate.study_growth import Growth
@@ -36,7 +38,7 @@ def error_plot(study: Study, family: str) -> str:
     axes.set_xscale("log")
     axes.set_xlabel(AXIS[family])
     axes.set_ylabel("PSNR of held-out photographs, dB")
-    axes.margins(x=0.12, y=0.1)
+    axes.margins(x=0.2, y=0.1)
     return _svg(figure, axes)
 
 
@@ -87,16 +89,22 @@ def growth_plot(growth: Sequence[Growth]) -> str:
 
 def _label(axes: Axes, points: Sequence[Point]) -> None:
     """Names beside points, one under the other where points crowd."""
+    if not points:
+        return
     taken: list[tuple[float, float]] = []
-    span = max((p.psnr_db for p in points), default=1) - min((p.psnr_db for p in points), default=0) + 1e-9
+    height = max(p.psnr_db for p in points) - min(p.psnr_db for p in points) + 1e-9
+    costs = np.log([max(cost_of(p), 1e-6) for p in points])
+    width = float(np.ptp(costs)) + 1e-9
     for point in sorted(points, key=lambda p: -p.psnr_db):
-        x, y = np.log(max(cost_of(point), 1e-6)), point.psnr_db / span
-        while any(abs(x - u) < 0.9 and abs(y - v) < 0.05 for u, v in taken):
-            y -= 0.01
+        x, y = np.log(max(cost_of(point), 1e-6)) / width, point.psnr_db / height
+        while any(abs(x - u) < 0.35 and abs(y - v) < 0.05 for u, v in taken):
+            y -= 0.005
         taken.append((x, y))
-        name = point.name if point.factor in ("baseline", "default", "combined") else f"{point.factor}: {point.name}"
-        place = (cost_of(point), y * span)
-        axes.annotate(name, place, textcoords="offset points", xytext=(7, -3), fontsize=7.5, color=INK)
+        is_clear = point.factor in ("baseline", "default", "combined", "photographs", "faces")
+        name = point.name if is_clear else f"{point.factor}: {point.name}"
+        halo = [withStroke(linewidth=2.5, foreground="white")]
+        place = (cost_of(point), y * height)
+        axes.annotate(name, place, textcoords="offset points", xytext=(8, -3), fontsize=8, color=INK, path_effects=halo)
 
 
 def _svg(figure: Figure, *all_axes: Axes) -> str:
@@ -106,5 +114,5 @@ def _svg(figure: Figure, *all_axes: Axes) -> str:
         axes.set_axisbelow(True)
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None})
-    text = stream.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", stream.getvalue(), flags=re.DOTALL)
     return text[text.index("<svg") :]

@@ -11,7 +11,8 @@ from relight3d.evaluate.study_plots import error_plot, growth_plot, price_plot
 from relight3d.evaluate.study_settings import RECOVERY, RENDER
 from relight3d.io.files import write_json, write_text
 
-COLUMNS = ("what", "setting", "PSNR dB", "worst", "SSIM", "FLIP", "cost", "spread", "memory MB", "rays", "")
+COLUMNS = ("what", "setting", "PSNR dB", "worst", "SSIM", "FLIP", "cost", "quartiles", "MB", "rays", "dominated by")
+FRONT = "— (on the front)"
 TITLES = {RENDER: "Frames: one model, rendered with other settings", RECOVERY: "Recovery: other settings of the fits"}
 PLOTS = {
     "error_frame": lambda study: error_plot(study, RENDER),
@@ -109,6 +110,7 @@ def page_of(study: Study, plots: dict[str, str]) -> str:
         summary=summary_of(study),
         families=families,
         columns=COLUMNS,
+        front=FRONT,
         growth=growth_lines(study),
         growth_plot=plots["growth"],
     )
@@ -118,7 +120,7 @@ def _cells(p: Point, by: str) -> tuple[str, ...]:
     is_frame = p.family == RENDER
     spread = f"{p.frame_low_ms:.1f} to {p.frame_high_ms:.1f}" if is_frame and p.frame_low_ms else ""
     memory = p.buffers_mb if is_frame else p.recovery_mb
-    verdict = "on the front" if not by else f"dominated by {by}"
+    verdict = by or FRONT
     return (
         p.factor,
         p.name,
