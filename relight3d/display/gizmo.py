@@ -119,4 +119,4 @@ class Gizmo:
         if not self._is_in_front(place):
             return False
         x, y = self.camera.project(place[None])[0][0]
-        return 0 <= x < self.camera.width and 0 <= y < self.camera.height
+        return bool(0 <= x < self.camera.width and 0 <= y < self.camera.height)

@@ -69,9 +69,9 @@ def _status(model: RelightModel, health: Health) -> Painting:
 
 def _rank(model: RelightModel, health: Health) -> Painting:
     rank = -_worst_at_points(model, health.site, -health.rank)
-    highest = int(health.rank.max(initial=0))
+    highest = float(health.rank.max(initial=1))
     values = image_of_points(model, rank.astype(np.float32))
-    return painted_numbers(values, "cividis", 0.0, max(highest, 1), "directions of the fit that the data decides")
+    return painted_numbers(values, "cividis", 0.0, highest, "directions of the fit that the data decides")
 
 
 def _condition(model: RelightModel, health: Health) -> Painting:

@@ -1,7 +1,7 @@
 """Layers of light: the frame and its terms, shadows, and the indirect light with its coefficients."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from relight3d.display.grids import contact_grid
 from relight3d.display.pictures import (
@@ -115,7 +115,9 @@ def site_places(model: RelightModel, site: str) -> Float[np.ndarray, "site 3"]:
     return places if site == "vertex" else places[model.mesh.faces].mean(axis=1)
 
 
-def at_points(model: RelightModel, site: str, values: np.ndarray) -> Float[np.ndarray, "point ..."]:
+def at_points(
+    model: RelightModel, site: str, values: Shaped[np.ndarray, "site *channel"]
+) -> Shaped[np.ndarray, "point *channel"]:
     """Values of the sites where the captured view's points are: blended between vertices, else looked up."""
     points = model.pixels.points
     if site == "vertex":

@@ -60,7 +60,9 @@ class Offscreen:
         self.close()
 
     def _started(self) -> subprocess.Popen:
-        if self._child is None or self._child.poll() is not None:
+        if self._child is not None and self._child.poll() is not None:
+            self._end()  # it died between two pictures: its pipes are closed here
+        if self._child is None:
             self._child = start_child(
                 "relight3d.display.offscreen_worker",
                 stdin=subprocess.PIPE,

@@ -91,7 +91,7 @@ def category_color(index: int) -> tuple[int, int, int]:
 
 
 def image_of_points(
-    model: RelightModel, values: Shaped[np.ndarray, "point *channel"], empty: float = np.nan
+    model: RelightModel, values: Shaped[np.ndarray, "point *channel"], empty: float | int | bool = np.nan
 ) -> Shaped[np.ndarray, "height width *channel"]:
     """Values of the captured view's points as a picture, `empty` (of the values' own type) where no point is."""
     image = np.full((model.camera.num_pixels, *values.shape[1:]), empty, values.dtype)
