@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from relight3d.evaluate.study import Study, cost_of, dominated
 from relight3d.evaluate.study_growth import Growth
@@ -36,6 +37,9 @@ def error_plot(study: Study, family: str) -> str:
         axes.plot([cost_of(p) for p in others], [p.psnr_db for p in others], "^", ms=7, color=FAINT)
     _label(axes, [p for p, _ in ours if p in front or p.factor == "default"] + others)
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel(AXIS[family])
     axes.set_ylabel("PSNR of held-out photographs, dB")
     axes.margins(x=0.2, y=0.1)

@@ -57,7 +57,13 @@ def ladder(num_photographs: int, quick: bool) -> list[Setting]:
     recovery = [Setting(RECOVERY, "photographs", f"{n} photographs", photographs=n) for n in counts]
     rows = _RECOVERY_FIRST + ([] if quick else _RECOVERY_REST)
     recovery += [Setting(RECOVERY, *row) for row in rows]
-    return [Setting(RENDER, "default", "default"), Setting(RECOVERY, "default", "default"), *render, *recovery]
+    return [Setting(RENDER, "default", "default"), Setting(RECOVERY, "default", "default"), *_mixed(render, recovery)]
+
+
+def _mixed(one: list[Setting], other: list[Setting]) -> list[Setting]:
+    """Both lists to their ends at the same pace: a study that stops early has something of each."""
+    places = [((k + 0.5) / len(some), setting) for some in (one, other) for k, setting in enumerate(some)]
+    return [setting for _, setting in sorted(places, key=lambda place: place[0])]
 
 
 def _render(factor: str, name: str, changes: Mapping[str, Any]) -> Setting:

@@ -42,12 +42,17 @@ def parse_force(words: Iterable[str]) -> dict[tuple[str, int | str], bool]:
 
 
 def apply_plan(model: RelightModel, force: Force | None = None) -> RelightModel:
-    """The model without the effects that are forced off: no array of theirs is left, so no ray or kernel follows.
+    """The model without the effects of the scene that its evidence speaks against, and without those forced off.
 
-    Forcing on what the model has is no change. Raises InputError for an effect or surface that does not exist, and for
-    one forced on that recovery left out: its data are in the photographs, not in the model.
+    No array of theirs is left, so no ray or kernel follows. Forcing on what the model has is no change. Raises
+    InputError for an effect or surface that does not exist, and for one forced on that recovery left out: its data are
+    in the photographs, not in the model.
     """
-    for (effect, where), is_on in (force or {}).items():
+    force = force or {}
+    for effect in SCENE_EFFECTS:
+        if (effect, SCENE) not in force and _is_idle(model, effect):
+            model = _WITHOUT[effect](model, SCENE)
+    for (effect, where), is_on in force.items():
         surfaces = surfaces_named(model, effect, where)
         if effect in RAY_EFFECTS:
             continue
@@ -56,6 +61,13 @@ def apply_plan(model: RelightModel, force: Force | None = None) -> RelightModel:
         for surface in surfaces:
             model = _switched(model, effect, surface, is_on)
     return model
+
+
+def _is_idle(model: RelightModel, effect: str) -> bool:
+    """Decided against, and yet in the model; indirect light stays where it carries the ambient light."""
+    state = {d.effect: d.is_on for d in model.decisions if d.surface == SCENE}
+    carries = effect == "indirect" and state.get("ambient", False)
+    return not state.get(effect, True) and has_effect(model, effect, SCENE) and not carries
 
 
 def forced_options(options: RelightOptions, force: Force | None = None) -> RelightOptions:

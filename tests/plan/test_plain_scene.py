@@ -1,0 +1,45 @@
+"""Two diffuse convex objects on nothing: direct light and its shadow rays, and what else is not there costs nothing."""
+
+import numpy as np
+
+from relight3d.lights import DirectionalLight
+from relight3d.relight.options import RelightOptions
+from relight3d.relight.plan import apply_plan, plan_of
+from relight3d.relight.relighter import Relighter
+from tests.plan.models import plain_model, rich_model
+
+SUN = DirectionalLight((0.3, -0.4, 0.8), 3.0)
+BELOW = DirectionalLight((0.1, 0.1, -1.0), 3.0)
+
+
+def test_indirect_light_without_evidence_leaves_the_model() -> None:
+    plain = plain_model()
+    assert not plan_of(plain).is_on("indirect")
+    assert apply_plan(plain).indirect is None
+    assert apply_plan(rich_model()).indirect is rich_model().indirect
+
+
+def test_the_plan_has_neither_lobes_nor_texture_nor_mirrors() -> None:
+    on = set(plan_of(plain_model()).effects)
+    assert not on & {"lobes", "texture", "mirror", "thrown", "ambient", "indirect", "background", "second mirror"}
+    assert "shadows" in on
+
+
+def test_a_frame_casts_one_ray_for_each_pixel_that_faces_the_light() -> None:
+    model = apply_plan(plain_model(), {("residual", -1): False})
+    relighter = Relighter(model, options=RelightOptions(edge_samples=1))
+    view = relighter.view
+    for light in (SUN, BELOW):
+        to_light = np.array(light.to_light, np.float32)
+        facing = (view.normal @ to_light > 0) & (view.points.geometric_normal @ to_light > 0)
+        rays = relighter.render([light]).stats.rays
+        assert rays["shadow"] == facing.sum() and rays.get("thrown", 0) == 0
+        assert rays["border"] <= 4 * facing.sum()
+    assert relighter.render([]).stats.num_rays == 0
+
+
+def test_the_frame_of_the_plan_is_the_frame_with_everything_forced_on() -> None:
+    """What the plan leaves out is not missed."""
+    with_all, planned = plain_model(), apply_plan(plain_model())
+    frames = [Relighter(m, options=RelightOptions()).render([SUN]).radiance for m in (with_all, planned)]
+    assert np.abs(frames[0] - frames[1]).max() < 0.02 * frames[0].max()  # indirect light of 0.1 dB at most
