@@ -45,12 +45,13 @@ def main() -> None:
                 model = relight3d.recover(worse, recovery, quiet=True)
                 mean = evaluate(model, worse, baselines=False).model.mean
                 with open(path, "a", newline="") as file:
-                    row = [folder.name, curve, f"{value:g}", len(worse.split("train")), f"{mean.psnr_db:.2f}"]
+                    num, width = len(worse.split("train")), worse.camera.width
+                    row = [folder.name, curve, f"{value:g}", num, width, f"{mean.psnr_db:.2f}"]
                     csv.writer(file, lineterminator="\n").writerow(row)
                 print(*row, f"dB ({time.perf_counter() - begin:.1f} s)", flush=True)
 
     draw(path, options.out / "images")
-    write_page(path, options.captures, options.width, options.faces)
+    write_page(path, options.captures, options.faces)
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def read(path: Path) -> dict[tuple[str, str], list[Point]]:
     curves: dict[tuple[str, str], list[Point]] = {}
     if path.exists():
         with open(path, newline="") as file:
-            for name, curve, value, photographs, psnr in csv.reader(file):
+            for name, curve, value, photographs, _, psnr in csv.reader(file):
                 curves.setdefault((name, curve), []).append((float(value), int(photographs), float(psnr)))
     for (_, curve), points in curves.items():
         points.sort(key=lambda point: CURVES[curve][1].index(point[0]))
@@ -57,12 +57,12 @@ def cliffs(points: list[Point]) -> list[str]:
     return [f"{a:g} to {b:g}: {step:.1f} dB" for a, b, step in steps if abs(step) > CLIFF_DB]
 
 
-def write_page(path: Path, captures: list[Path], width: int, faces: int) -> None:
+def write_page(path: Path, captures: list[Path], faces: int) -> None:
     """The section of docs/stability.md."""
     curves, names = read(path), " ".join(str(folder) for folder in captures)
     text = ["## How the error grows", "", f"`python pipelines/degradation.py {names}`: mean PSNR of the held-out"]
-    text += [f"frames, photographs averaged to about {width} pixels across, meshes of {faces:,} faces; the figures"]
-    text += ["are in [degradation.csv](degradation.csv) (capture, curve, value, photographs, dB).", ""]
+    text += [f"frames, photographs averaged down, meshes of {faces:,} faces; the figures are in"]
+    text += ["[degradation.csv](degradation.csv) (capture, curve, value, photographs, width in pixels, dB).", ""]
     for curve, (label, values, _) in CURVES.items():
         here = {name: points for (name, which), points in curves.items() if which == curve}
         found = {name: {point[0]: f"{point[2]:.1f}" for point in points} for name, points in here.items()}

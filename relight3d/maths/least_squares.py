@@ -99,26 +99,14 @@ def solve_normal(
     side = moment if prior is None else moment - gram @ start
     is_damped = bool(np.any(np.asarray(damping) > 0))
     rank, condition = np.full(len(gram), -1, np.int32), np.zeros(len(gram))
-    if diagnose or not is_damped:
-        scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
-        scaled = gram * scale[:, :, None] * scale[:, None, :]
-        # The vectors cost as much again as the values, and only the minimum-norm answer needs them.
-        values, vectors = (np.linalg.eigvalsh(scaled), None) if is_damped else np.linalg.eigh(scaled)
-        values = np.maximum(values, 0.0)
-        rank, squared, keep = _rank(values, unknowns, unknowns)
-        condition = np.sqrt(squared)
     if is_damped:
-        mean = np.maximum(diagonal.mean(axis=1), TINY)
-        # A direction that neither data nor damping holds stays at the prior.
-        ridge = mean[:, None] * np.maximum(np.broadcast_to(damping, (unknowns,)), EPS)
-        damped = gram.copy()
-        np.einsum("nuu->nu", damped)[:] += ridge
-        # Brought to a mean of 1, so that tiny sums cannot underflow in the elimination.
-        step = np.linalg.solve(damped / mean[:, None, None], side / mean[:, None, None])
+        step = _damped_step(gram, side, diagonal, damping)
+        if diagnose:
+            # The vectors would cost as much again as the values, and only the minimum-norm answer needs them.
+            values = np.linalg.eigvalsh(_scaled(gram, diagonal)[0])
+            rank, condition, _ = _rank_of_squares(values)
     else:
-        inverse = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
-        rotated = np.einsum("nvu,nvk->nuk", vectors, side * scale[:, :, None])
-        step = scale[:, :, None] * np.einsum("nvu,nu,nuk->nvk", vectors, inverse, rotated)
+        step, rank, condition = _minimum_norm_step(gram, side, diagonal)
     value = start + step
     residual = _normal_residual(gram, moment, value, power, rows)
     known = rank if diagnose else np.where(diagonal.any(axis=1), np.minimum(rows, unknowns), 0).astype(np.int32)
@@ -160,8 +148,8 @@ def _solve_shared(matrix: np.ndarray, target: np.ndarray, damping: float | np.nd
     is_row = np.isfinite(matrix[0]).all(axis=1)
     miss = (np.where(is_row[:, None], matrix[0], 0.0) @ value - target) * is_row[:, None]
     residual = np.sqrt((miss**2).sum(axis=(1, 2)) / max(is_row.sum() * colors, 1))
-    repeat = [np.repeat(a, num) for a in (one.status, one.rank, one.condition)]
-    return Solution(np.ascontiguousarray(value), *repeat, residual)
+    status, rank, condition = (np.repeat(a, num) for a in (one.status, one.rank, one.condition))
+    return Solution(np.ascontiguousarray(value), status, rank, condition, residual)
 
 
 def _solve_weighted(
@@ -209,6 +197,40 @@ def _solve_huber(
             break
     status = np.where(is_moving & (answer.status == Status.OK), Status.DID_NOT_CONVERGE, answer.status)
     return Solution(answer.value, status.astype(np.int8), answer.rank, answer.condition, answer.residual)
+
+
+def _damped_step(gram: np.ndarray, side: np.ndarray, diagonal: np.ndarray, damping: float | np.ndarray) -> np.ndarray:
+    mean = np.maximum(diagonal.mean(axis=1), TINY)
+    # A direction that neither data nor damping holds stays at the prior.
+    ridge = mean[:, None] * np.maximum(np.broadcast_to(damping, (gram.shape[1],)), EPS)
+    damped = gram.copy()
+    np.einsum("nuu->nu", damped)[:] += ridge
+    # Brought to a mean of 1, so that tiny sums cannot underflow in the elimination.
+    return np.linalg.solve(damped / mean[:, None, None], side / mean[:, None, None])
+
+
+def _minimum_norm_step(
+    gram: np.ndarray, side: np.ndarray, diagonal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The step of minimum norm in the scaled unknowns, rank and condition."""
+    scaled, scale = _scaled(gram, diagonal)
+    values, vectors = np.linalg.eigh(scaled)
+    rank, condition, keep = _rank_of_squares(values)
+    inverse = np.where(keep, 1.0 / np.where(keep, values, 1.0), 0.0)
+    rotated = np.einsum("nvu,nvk->nuk", vectors, side * scale[:, :, None])
+    return scale[:, :, None] * np.einsum("nvu,nu,nuk->nvk", vectors, inverse, rotated), rank, condition
+
+
+def _scaled(gram: np.ndarray, diagonal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The gram matrix with a diagonal of ones, and the factors of its columns."""
+    scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
+    return gram * scale[:, :, None] * scale[:, None, :], scale
+
+
+def _rank_of_squares(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rank, condition and which count, from the eigenvalues of a gram matrix: squares of singular values."""
+    rank, squared, keep = _rank(np.maximum(values, 0.0), values.shape[1], values.shape[1])
+    return rank, np.sqrt(squared), keep
 
 
 def _rank(singular: np.ndarray, larger: int, unknowns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
