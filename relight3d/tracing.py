@@ -7,8 +7,9 @@ Where Embree's packets can be had (packets.py), rays go through it sixteen at a 
 """
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from typing import NamedTuple
 
@@ -59,10 +60,18 @@ class RayScene:
         """Points moved off their surface along the unit geometric normal, so that a ray does not meet its own face."""
         return points + geometric_normal * self.offset_distance
 
-    def first_hit(self, origins: Float32[np.ndarray, "ray 3"], directions: Float32[np.ndarray, "ray 3"]) -> Hits:
-        """The nearest face along each ray; unit directions give distances in the scene's unit."""
+    def first_hit(
+        self,
+        origins: Float32[np.ndarray, "ray 3"],
+        directions: Float32[np.ndarray, "ray 3"],
+        coherent: bool = False,
+    ) -> Hits:
+        """The nearest face along each ray; unit directions give distances in the scene's unit.
+
+        `coherent` says that each ray goes nearly the way of the one before, as a camera's do: then it is faster.
+        """
         origins, directions = _rays(origins, directions)
-        if self._packets is not None:
+        if self._packets is not None and coherent:
             return self._first_hit_by_packets(origins, directions)
 
         def trace(part: slice) -> dict:
@@ -93,7 +102,7 @@ class RayScene:
 
         def trace(part: slice) -> None:
             ways = directions if shared else directions[part]
-            self.block_tile(origins[part], ways, limits[part], blocked[part])
+            self.block_tile(origins[part], ways, limits[part], blocked[part], coherent=shared)
 
         _over_tiles(trace, len(origins))
         return blocked
@@ -104,6 +113,7 @@ class RayScene:
         directions: Float32[np.ndarray, "#ray 3"],
         limits: Float32[np.ndarray, " limit"],
         blocked: Bool[np.ndarray, " ray"],
+        coherent: bool = True,
     ) -> None:
         """`is_blocked` for one thread and without copies, written to `blocked`; no `limits` (length 0) is no limit.
 
@@ -114,7 +124,9 @@ class RayScene:
         if self._packets is not None:
             from relight3d.packets import occluded
 
-            occluded(self._packets.occluded, self._packets.scene, origins, directions, limits, blocked)
+            packets = self._packets
+            arguments = packets.arguments if coherent else 0
+            occluded(packets.occluded, packets.scene, arguments, origins, directions, limits, blocked)
             return
         # `dists` may be overwritten by Embree: it gets a copy.
         far = limits.copy() if len(limits) else None
@@ -128,7 +140,8 @@ class RayScene:
         hits = Hits(np.empty(num, np.int32), *(np.empty(num, np.float32) for _ in range(3)))
 
         def trace(part: slice) -> None:
-            first_hits(packets.intersect, packets.scene, origins[part], directions[part], *(a[part] for a in hits))
+            addresses = (packets.intersect, packets.scene, packets.arguments)
+            first_hits(*addresses, origins[part], directions[part], *(a[part] for a in hits))
 
         _over_tiles(trace, num)
         return hits
@@ -154,10 +167,35 @@ def _pool(threads: int, process: int) -> ThreadPoolExecutor:
 
 
 def over_threads(work: Callable, parts: Iterable) -> list:
-    """work(part) for each part, in order, on the rays' threads; for work that releases the interpreter lock."""
-    threads = num_threads()
+    """work(part) for each part, in order, on the rays' threads; for work that releases the interpreter lock.
+
+    The caller works too, and does not wait for helpers that have not begun: on a busy machine waking a thread can take
+    longer than a frame. So it may be called from such work as well.
+    """
+    parts = list(parts)
+    todo = deque(enumerate(parts))  # popleft is atomic
+    results: list = [None] * len(parts)
+
+    def run() -> None:
+        while todo:
+            try:
+                index, part = todo.popleft()
+            except IndexError:
+                return
+            results[index] = work(part)
+
+    num_helpers = min(num_threads(), len(parts)) - 1
     # Keyed by process, since threads do not survive a fork.
-    return [work(p) for p in parts] if threads == 1 else list(_pool(threads, os.getpid()).map(work, parts))
+    helpers = [_pool(num_threads(), os.getpid()).submit(run) for _ in range(num_helpers)]
+    try:
+        run()
+    finally:
+        todo.clear()
+        wait([helper for helper in helpers if not helper.cancel()])
+    for helper in helpers:
+        if not helper.cancelled():
+            helper.result()  # raises what the helper met
+    return results
 
 
 def _over_tiles(work: Callable[[slice], object], num: int) -> list:

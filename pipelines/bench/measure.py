@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,15 +17,27 @@ from relight3d.tracing import RayScene, num_threads
 Contender = Callable[[int], object]
 
 
-def side_by_side(contenders: Mapping[str, Contender], rounds: int) -> dict[str, list[float]]:
-    """Milliseconds of each contender in each round; one round before, to warm up, is not counted."""
-    took: dict[str, list[float]] = {name: [] for name in contenders}
+class Took(NamedTuple):
+    """Milliseconds of each round: by the clock, and of all cores together."""
+
+    wall: list[float]
+    cores: list[float]
+
+
+def side_by_side(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Took]:
+    """Each contender's times; one round before, to warm up, is not counted.
+
+    On a machine that others use, the clock counts their work too, and more so where threads wait for each other. The
+    cores' time does not, but says nothing of how well threads share the work.
+    """
+    took = {name: Took([], []) for name in contenders}
     for index in range(-1, rounds):
         for name, contender in contenders.items():
-            start = time.perf_counter()
+            start, start_cores = time.perf_counter(), time.process_time()
             contender(index)
             if index >= 0:
-                took[name].append(1e3 * (time.perf_counter() - start))
+                took[name].wall.append(1e3 * (time.perf_counter() - start))
+                took[name].cores.append(1e3 * (time.process_time() - start_cores))
     return took
 
 

@@ -85,10 +85,11 @@ class _ViewMaker:
         way: np.ndarray = NO_WAY,
     ) -> ShadingPoints:
         """What rays see, from the camera or from `origins`; each kept under its pixel."""
+        from_camera = origins is None
         if origins is None:
             eye = (self.camera.center - self.model.mesh.center).astype(np.float32)
             origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
-        found = self.scene.first_hit(origins, directions)
+        found = self.scene.first_hit(origins, directions, coherent=from_camera)
         hit = np.flatnonzero(found.face >= 0).astype(np.int32)
         num = len(hit)
         barycentric, position, geometric, normal, to_viewer = (np.empty((num, 3), np.float32) for _ in range(5))

@@ -81,15 +81,19 @@ def _shade_point(p, lights, seen, position, normal, to_viewer, diffuse, gloss, l
         form = falloff * max(dot(normal, p, lx, ly, lz), ZERO) * (np.float32(seen[light, p]) / np.float32(FULL))
         if not form > 0:
             continue
+        for c in range(3):
+            out[c, lane] += form * lights[light, COLOR + c] * diffuse[p, c]
+        if lobe_range[p, 0] == lobe_range[p, 1]:
+            continue
         red, green, blue = ZERO, ZERO, ZERO
         for k in range(lobe_range[p, 0], lobe_range[p, 1]):
             value = _lobe(lobes, k, normal, p, lx, ly, lz, to_viewer[p, 0], to_viewer[p, 1], to_viewer[p, 2])
             red += value * lobes[k, 0]
             green += value * lobes[k, 1]
             blue += value * lobes[k, 2]
-        out[0, lane] += form * lights[light, COLOR] * (diffuse[p, 0] + gloss[p, 0] * red)
-        out[1, lane] += form * lights[light, COLOR + 1] * (diffuse[p, 1] + gloss[p, 1] * green)
-        out[2, lane] += form * lights[light, COLOR + 2] * (diffuse[p, 2] + gloss[p, 2] * blue)
+        out[0, lane] += form * lights[light, COLOR] * gloss[p, 0] * red
+        out[1, lane] += form * lights[light, COLOR + 1] * gloss[p, 1] * green
+        out[2, lane] += form * lights[light, COLOR + 2] * gloss[p, 2] * blue
 
 
 @inlined

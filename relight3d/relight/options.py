@@ -61,15 +61,7 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(
-        shadows="table",
-        borders=False,
-        table_directions=1024,
-        thrown=False,
-        edge_samples=1,
-        max_modes=8,
-        precision="int16",
-    ),
+    "fast": RelightOptions(shadows="adaptive", lattice_px=4, edge_samples=1, max_modes=8, precision="int16"),
     "balanced": RelightOptions(shadows="adaptive", precision="int16"),
     "exact": RelightOptions(),
 }
