@@ -1,4 +1,4 @@
-"""The ladder on synthetic truth (style rule 31): no noise, noise, outliers. Our own model made it: it proves the solver."""
+"""The ladder on synthetic truth (style rule 31): no noise, noise, outliers. Made with our model: it proves solvers."""
 
 from functools import cache
 
