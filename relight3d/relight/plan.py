@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 # Where a frame's milliseconds and rays are counted, by effect; borders are timed with the shadows.
 CLOCKS = {"shadows": "shadow", "thrown": "thrown", "indirect": "indirect", "residual": "residual", "direct": "shade"}
 COUNTERS = {"shadows": "shadow", "soft shadows": "soft", "borders": "border", "thrown": "thrown"}
+GRAZING = 1e-6  # a cosine below it is rounding: an upright wall does not face a light straight below
 
 
 def plan_of(model: RelightModel, relighter: "Relighter | None" = None, lights: Sequence[Light] | None = None) -> Plan:
@@ -62,8 +63,8 @@ def _facing_points(model: RelightModel, view: View, lights: Sequence[Light]) -> 
     out = np.zeros((model.surfaces.num_surfaces, len(lights)), np.int64)
     for k, light in enumerate(lights):
         to_light = light.translated(-model.mesh.center).incident(view.points.position).to_light
-        faces = np.einsum("pi,pi->p", view.normal, to_light) > 0
-        faces &= np.einsum("pi,pi->p", view.points.geometric_normal, to_light) > 0
+        faces = np.einsum("pi,pi->p", view.normal, to_light) > GRAZING
+        faces &= np.einsum("pi,pi->p", view.points.geometric_normal, to_light) > GRAZING
         out[:, k] = np.bincount(view.surface[faces], minlength=len(out))
     return out
 

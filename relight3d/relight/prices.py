@@ -11,7 +11,7 @@ frames.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 from relight3d.lights import Light
 from relight3d.maths.color import srgb_from_linear
 from relight3d.records import Capture, RelightModel
-from relight3d.relight.calibrate import frame_pair_ms, nudged
+from relight3d.relight.calibrate import fastest_pair_ms, nudged
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
 
@@ -44,53 +44,55 @@ class Shop:
 
 
 def measure_prices(model: RelightModel, capture: Capture, max_seconds: float | None = None) -> tuple[Price, ...]:
-    """The price list of a model, cheapest first: single steps away from the exact setting, then steps together.
+    """The price list of a model, cheapest first: steps away from the exact setting, together and each alone.
 
-    Steps are put together in the order of what they lose for the time that they save. After `max_seconds` no more
-    setting is begun. Milliseconds are of this machine: a list is rescaled where it is used.
+    First a chain of settings that takes one step after the other in a fixed order, so that a short time still reaches
+    from exact to cheap; then each step alone; then the steps together in the order of what they were found to lose.
+    After `max_seconds` no more setting is begun. Milliseconds are of this machine: a list is rescaled where it is used.
     """
     start = time.perf_counter()
     shop = _shop(model, capture)
     prices = [_price(shop, "exact", {})]
-    steps = []
-    for name, changes in single_steps(model).items():
-        if max_seconds is not None and time.perf_counter() - start > 0.6 * max_seconds:
-            break
-        steps.append(_price(shop, name, changes))
-    together: dict[str, Any] = {}
-    prices += steps
-    for step in _by_value(steps, prices[0]):
-        if max_seconds is not None and time.perf_counter() - start > max_seconds:
-            break
-        widened = joined(together, step["options"])
-        if widened != together and widened not in [p["options"] for p in prices]:
-            prices.append(_price(shop, _name(widened), widened))
-        together = widened
+    steps = single_steps(model)
+    waiting = [(_name(changes), changes) for changes in _chain(list(steps.values()))] + list(steps.items())
+    is_ranked = False
+    while waiting and (max_seconds is None or time.perf_counter() - start < max_seconds):
+        name, changes = waiting.pop(0)
+        if changes not in [p["options"] for p in prices]:
+            prices.append(_price(shop, name, changes))
+        if not waiting and not is_ranked:
+            alone = sorted((p for p in prices if p["name"] in steps), key=lambda p: p["error_db"])
+            waiting, is_ranked = [(_name(c), c) for c in _chain([p["options"] for p in alone])], True
     return tuple(sorted(_on_one_clock(prices), key=lambda price: price["milliseconds"]))
+
+
+def _chain(steps: Sequence[Changes]) -> list[dict[str, Any]]:
+    """One step after the other, each kept."""
+    chain: list[dict[str, Any]] = [{}]
+    for step in steps:
+        chain.append(joined(chain[-1], step))
+    return chain[1:]
 
 
 def single_steps(model: RelightModel) -> dict[str, Changes]:
     """Every step away from the exact setting that this model can take: what it does not have needs no leaving out."""
-    steps: dict[str, Changes] = {
-        "shadows on a lattice of 2 pixels": {"shadows": "adaptive"},
-        "shadows on a lattice of 4 pixels": {"shadows": "adaptive", "lattice_px": 4},
-        "hard shadow borders": {"borders": False},
-        "hard outlines": {"edge_samples": 1},
-        "no shadows": {"shadows": "off"},
-    }
+    steps: dict[str, Changes] = {"shadows on a lattice of 4 pixels": {"shadows": "adaptive", "lattice_px": 4}}
     num_lobes = max((len(lobes) for lobes in model.lobes), default=0)
+    num_modes = 0
     if model.residual is not None:
+        num_modes = max(model.residual.lit_modes.shape[1], model.residual.dark_modes.shape[1])
         steps["residual in int16"] = {"precision": "int16"}
-        num = max(model.residual.lit_modes.shape[1], model.residual.dark_modes.shape[1])
-        steps |= {f"{k} modes of the residual": {"max_modes": k} for k in (8, 3) if k < num}
-        steps["no residual"] = {"residual": False}
-    if any(mirror.throws_light for mirror in model.mirrors):
-        steps["no light thrown by mirrors"] = {"thrown": False}
+    steps |= {f"{k} modes of the residual": {"max_modes": k} for k in (8, 3) if k < num_modes}
     if len(model.mirrors) > 1 or any(not mirror.is_plane for mirror in model.mirrors):
         steps["one bounce between mirrors"] = {"max_bounces": 1}
+    steps |= {"hard outlines": {"edge_samples": 1}, "hard shadow borders": {"borders": False}}
+    if num_modes:
+        steps["no residual"] = {"residual": False}
     if num_lobes > 1:
         steps["one lobe a surface"] = {"max_lobes": 1}
-    return steps
+    if any(mirror.throws_light for mirror in model.mirrors):
+        steps["no light thrown by mirrors"] = {"thrown": False}
+    return steps | {"no shadows": {"shadows": "off"}}
 
 
 # ------------------------------------------------------------------------------------------------ measures
@@ -105,7 +107,7 @@ def _shop(model: RelightModel, capture: Capture) -> Shop:
 
 def _price(shop: Shop, name: str, changes: Changes) -> Price:
     relighter = Relighter(shop.model, options=replace(RelightOptions(), **changes)) if changes else shop.exact
-    exact_ms, ours_ms = frame_pair_ms(shop.exact, relighter, NUM_PAIRS)
+    exact_ms, ours_ms = fastest_pair_ms(shop.exact, relighter, NUM_PAIRS)
     difference = [np.mean((_shown(relighter, each) - w) ** 2) for each, w in zip(shop.lights, shop.wanted)]
     square = float(np.mean(difference)) if changes else 0.0
     counted = relighter.render(nudged(shop.lights[0], shop.model.mesh.radius)).stats if shop.lights else None
@@ -171,12 +173,6 @@ def _half_way(a: Light, b: Light) -> Light:
 
 
 # ------------------------------------------------------------------------------------------------ together
-
-
-def _by_value(steps: list[Price], exact: Price) -> list[Price]:
-    """The steps that save time, those first that lose least for it."""
-    saving = [s for s in steps if s["milliseconds"] < 0.98 * exact["milliseconds"]]
-    return sorted(saving, key=lambda s: s["error_db"] / (exact["milliseconds"] - s["milliseconds"]))
 
 
 def joined(changes: Changes, more: Changes) -> dict[str, Any]:
