@@ -24,7 +24,7 @@ class Growth:
     what: str  # "frame" or "recovery"
     against: str
     sizes: tuple[float, ...]
-    times: tuple[float, ...]  # milliseconds of a frame, seconds of a recovery
+    times: tuple[float, ...]  # of a frame, relative or milliseconds; processor seconds of a recovery
     exponent: float
     scatter: float  # standard error of the exponent; 0 with two points
 
@@ -77,7 +77,8 @@ def recovery_growth(points: Sequence[Point]) -> list[Growth]:
         sizes = [float(getattr(p, f"num_{against}") or 0) for p in some]
         if len(set(sizes)) < 2:
             continue
-        found.append(growth_of("recovery", against, sizes, [p.recovery_s or 0.0 for p in some]))
+        times = [p.recovery_cpu_s or p.recovery_s or 0.0 for p in some]
+        found.append(growth_of("recovery", against, sizes, times))
         if against == "faces":
             found.append(growth_of("frame", against, sizes, [p.frame_ms or 0.0 for p in some]))
     return found
