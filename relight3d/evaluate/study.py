@@ -8,13 +8,14 @@ fit, and what was left out is named.
 import json
 import logging
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from relight3d.errors import InputError
 from relight3d.evaluate.study_captures import halved
+from relight3d.evaluate.study_front import COSTS, cost_of, dominated, key_of, on_one_clock
 from relight3d.evaluate.study_growth import Growth, frame_growth, growth_of, recovery_growth
 from relight3d.evaluate.study_measure import Judge, Point, measure_baselines, measure_recovery, measure_render
 from relight3d.evaluate.study_settings import RECOVERY, RENDER, Setting, ladder
@@ -27,7 +28,6 @@ from relight3d.relight.relighter import Relighter
 FORMAT = 1  # of the kept measurements: another number measures anew
 QUICK_BUDGET_S = 450.0
 FULL = Setting(RECOVERY, "pixels", "full resolution")
-COSTS = {RECOVERY: "recovery_s", RENDER: "frame_ms"}
 Report = Callable[[str, float], None]
 logger = logging.getLogger(__name__)
 
@@ -59,34 +59,6 @@ class Study:
         from relight3d.evaluate.study_report import write_report
 
         return write_report(self, Path(folder))
-
-
-def key_of(point: Point) -> tuple[str, str, str]:
-    return point.family, point.factor, point.name
-
-
-def cost_of(point: Point) -> float:
-    """Seconds of a recovery, milliseconds of a frame."""
-    return float(getattr(point, COSTS[point.family]) or 0.0)
-
-
-def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ...]]:
-    """The points, and for each the name of one that is as cheap and as accurate and better in one; "" on the front.
-
-    Of several, the most accurate names it.
-    """
-    names = []
-    for point in points:
-        better = [
-            o
-            for o in points
-            if cost_of(o) <= cost_of(point)
-            and o.psnr_db >= point.psnr_db
-            and (cost_of(o), o.psnr_db) != (cost_of(point), point.psnr_db)
-        ]
-        best = max(better, key=lambda o: o.psnr_db, default=None)
-        names.append("" if best is None else f"{best.factor}: {best.name}")
-    return tuple(points), tuple(names)
 
 
 def study(
@@ -252,17 +224,3 @@ class _Run:
     def _report(self, what: str, fraction: float) -> None:
         if self._progress is not None:
             self._progress(what, fraction)
-
-
-def on_one_clock(points: Sequence[Point]) -> list[Point]:
-    """Frames' times by the default's beside them, times one default time: what else the machine did drops out."""
-    beside = sorted(p.default_ms for p in points if p.default_ms)
-    if not beside:
-        return list(points)
-    middle, out = beside[len(beside) // 2], []
-    for point in points:
-        scale = middle / point.default_ms if point.default_ms else 1.0
-        times = {n: getattr(point, n) for n in ("frame_ms", "frame_low_ms", "frame_high_ms")}
-        scaled = {n: t * scale for n, t in times.items() if t is not None and point.default_ms}
-        out.append(replace(point, **scaled))
-    return out

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from relight3d.evaluate.study import Study, cost_of, dominated
+from relight3d.evaluate.study import Study
+from relight3d.evaluate.study_front import cost_of, dominated
 from relight3d.evaluate.study_growth import Growth
 from relight3d.evaluate.study_measure import Point
 from relight3d.evaluate.study_settings import RECOVERY, RENDER

@@ -5,7 +5,8 @@ import io
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from relight3d.evaluate.study import Study, cost_of, key_of
+from relight3d.evaluate.study import Study
+from relight3d.evaluate.study_front import cost_of, key_of
 from relight3d.evaluate.study_measure import Point
 from relight3d.evaluate.study_plots import error_plot, growth_plot, price_plot
 from relight3d.evaluate.study_settings import RECOVERY, RENDER

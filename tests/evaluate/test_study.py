@@ -13,8 +13,9 @@ import pytest
 from relight3d.errors import InputError
 from relight3d.evaluate import study as module
 from relight3d.evaluate import study_settings
-from relight3d.evaluate.study import dominated, key_of, on_one_clock, study
+from relight3d.evaluate.study import study
 from relight3d.evaluate.study_captures import brought_to, halved, with_photographs
+from relight3d.evaluate.study_front import dominated, key_of, on_one_clock
 from relight3d.evaluate.study_growth import growth_of
 from relight3d.evaluate.study_measure import Point
 from relight3d.evaluate.study_report import COLUMNS, FRONT, cells_of, csv_of, markdown_of

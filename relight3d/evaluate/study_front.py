@@ -1,0 +1,51 @@
+"""Which settings are worth choosing: costs on one clock, and the points that no other dominates."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from relight3d.evaluate.study_measure import Point
+from relight3d.evaluate.study_settings import RECOVERY, RENDER
+
+COSTS = {RECOVERY: "recovery_s", RENDER: "frame_ms"}
+
+
+def key_of(point: Point) -> tuple[str, str, str]:
+    return point.family, point.factor, point.name
+
+
+def cost_of(point: Point) -> float:
+    """Seconds of a recovery, milliseconds of a frame."""
+    return float(getattr(point, COSTS[point.family]) or 0.0)
+
+
+def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ...]]:
+    """The points, and for each the name of one that is as cheap and as accurate and better in one; "" on the front.
+
+    Of several, the most accurate names it.
+    """
+    names = []
+    for point in points:
+        better = [
+            o
+            for o in points
+            if cost_of(o) <= cost_of(point)
+            and o.psnr_db >= point.psnr_db
+            and (cost_of(o), o.psnr_db) != (cost_of(point), point.psnr_db)
+        ]
+        best = max(better, key=lambda o: o.psnr_db, default=None)
+        names.append("" if best is None else f"{best.factor}: {best.name}")
+    return tuple(points), tuple(names)
+
+
+def on_one_clock(points: Sequence[Point]) -> list[Point]:
+    """Frames' times by the default's beside them, times one default time: what else the machine did drops out."""
+    beside = sorted(p.default_ms for p in points if p.default_ms)
+    if not beside:
+        return list(points)
+    middle, out = beside[len(beside) // 2], []
+    for point in points:
+        scale = middle / point.default_ms if point.default_ms else 1.0
+        times = {n: getattr(point, n) for n in ("frame_ms", "frame_low_ms", "frame_high_ms")}
+        scaled = {n: t * scale for n, t in times.items() if t is not None and point.default_ms}
+        out.append(replace(point, **scaled))
+    return out
