@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -43,16 +43,10 @@ class RayScene:
             raise MeshError("mesh vertices", "NaN or infinity", "finite coordinates", "clean the mesh first")
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise MeshError("mesh faces", f"index {faces.max()}", f"indices below {len(vertices)}")
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
         self.num_faces = len(faces)
         self.offset_distance = np.float32(OFFSET_ULPS * np.finfo(np.float32).eps * np.abs(vertices).max())
-        self._scene = EmbreeScene()
-        TriangleMesh(self._scene, np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
         self._packets = None if os.environ.get("RELIGHT3D_SINGLE_RAYS") else _packet_scene(vertices, faces)
-        # The first query commits the scene; it must not be two threads at once.
-        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+        self._scene: Any = _single_ray_scene(vertices, faces) if self._packets is None else None
 
     def offset(
         self, points: Float32[np.ndarray, "ray 3"], geometric_normal: Float32[np.ndarray, "ray 3"]
@@ -71,11 +65,13 @@ class RayScene:
         `coherent` says that each ray goes nearly the way of the one before, as a camera's do: then it is faster.
         """
         origins, directions = _rays(origins, directions)
-        if self._packets is not None and coherent:
-            return self._first_hit_by_packets(origins, directions)
+        if self._packets is not None:
+            return self._first_hit_by_packets(origins, directions, coherent)
+
+        scene = self._scene
 
         def trace(part: slice) -> dict:
-            return self._scene.run(origins[part], directions[part], output=True)
+            return scene.run(origins[part], directions[part], output=True)
 
         parts = _over_tiles(trace, len(origins))
         if not parts:
@@ -132,7 +128,7 @@ class RayScene:
         far = limits.copy() if len(limits) else None
         blocked[:] = self._scene.run(origins, directions, dists=far, query="OCCLUDED") == 0
 
-    def _first_hit_by_packets(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
+    def _first_hit_by_packets(self, origins: np.ndarray, directions: np.ndarray, coherent: bool) -> Hits:
         from relight3d.packets import first_hits
 
         num, packets = len(directions), self._packets
@@ -140,11 +136,23 @@ class RayScene:
         hits = Hits(np.empty(num, np.int32), *(np.empty(num, np.float32) for _ in range(3)))
 
         def trace(part: slice) -> None:
-            addresses = (packets.intersect, packets.scene, packets.arguments)
+            addresses = (packets.intersect, packets.scene, packets.arguments if coherent else 0)
             first_hits(*addresses, origins[part], directions[part], *(a[part] for a in hits))
 
         _over_tiles(trace, num)
         return hits
+
+
+def _single_ray_scene(vertices: np.ndarray, faces: np.ndarray):
+    """embreex's own scene."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    scene = EmbreeScene()
+    TriangleMesh(scene, np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
+    # The first query commits the scene; it must not be two threads at once.
+    scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))
+    return scene
 
 
 def _packet_scene(vertices: np.ndarray, faces: np.ndarray):
