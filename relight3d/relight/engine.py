@@ -11,8 +11,10 @@ from relight3d.lights import DirectionalLight, Light
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import RelightModel
 from relight3d.relight import kernels
-from relight3d.relight.buffers import LANES, Sites, pack_view
+from relight3d.relight.buffers import Sites, pack_view
+from relight3d.relight.indirect_kernels import site_irradiance
 from relight3d.relight.light_rows import light_row
+from relight3d.relight.modes import LANES
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.shadows import Shadows
 from relight3d.relight.tiles import tiles
@@ -118,7 +120,7 @@ class Engine:
         reach = (np.ascontiguousarray(indirect.anchors), float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
 
         def evaluate(part: slice) -> None:
-            kernels.site_irradiance(
+            site_irradiance(
                 part.start, part.stop, sites.coefficients, ambient, far.astype(np.float32), *lamps, *reach,
                 indirect.softening, sites.positions, polynomial, np.empty(far.shape, np.float32), np.empty(20), out,
             )  # fmt: skip

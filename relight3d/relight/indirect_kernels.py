@@ -1,0 +1,76 @@
+"""The compiled loop of the indirect light: low-order functions of the light at the sites, eq. (7)."""
+
+import math
+
+import numpy as np
+
+from relight3d.relight.kernels import ZERO, compiled, inlined
+
+
+@inlined
+def _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine):
+    """maths.light_basis.within_reach for one direction."""
+    if len(anchors) == 0:
+        return x, y, z
+    best, nearest = -2.0, 0
+    for a in range(len(anchors)):
+        cosine = x * anchors[a, 0] + y * anchors[a, 1] + z * anchors[a, 2]
+        if cosine > best:
+            best, nearest = cosine, a
+    if best >= reach_cosine:
+        return x, y, z
+    best = max(best, -1.0)
+    ax, ay, az = anchors[nearest, 0], anchors[nearest, 1], anchors[nearest, 2]
+    sx, sy, sz = x - best * ax, y - best * ay, z - best * az
+    scale = reach_sine / max(math.sqrt(sx * sx + sy * sy + sz * sz), 1e-9)
+    mx, my, mz = reach_cosine * ax + scale * sx, reach_cosine * ay + scale * sy, reach_cosine * az + scale * sz
+    inverse = 1.0 / max(math.sqrt(mx * mx + my * my + mz * mz), 1e-12)
+    return mx * inverse, my * inverse, mz * inverse
+
+
+@compiled
+def site_irradiance(
+    first, last, coefficients, ambient, far_rows, places, powers, anchors, reach_cosine, reach_sine, softening,
+    positions, to_basis, rows, terms, out,
+):  # fmt: skip
+    """Indirect and ambient irradiance at sites first..last, eq. (7), never below 0.
+
+    `far_rows` (basis x 3) sums the functions of the lights at infinity by their colours; lamps (`places`, `powers`)
+    have other functions at every site. `rows` (as `far_rows`) and `terms` (20) are scratch.
+    """
+    for v in range(first, last):
+        for b in range(len(rows)):
+            for c in range(3):
+                rows[b, c] = far_rows[b, c]
+        for lamp in range(len(places)):
+            dx, dy, dz = (
+                places[lamp, 0] - positions[v, 0], places[lamp, 1] - positions[v, 1], places[lamp, 2] - positions[v, 2]
+            )  # fmt: skip
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            strength = 1.0 / max(distance, softening) ** 2
+            inverse = 1.0 / max(distance, 1e-150)
+            x, y, z = _direction_within_reach(
+                dx * inverse, dy * inverse, dz * inverse, anchors, reach_cosine, reach_sine
+            )
+            count, px = 0, 1.0
+            for i in range(4):
+                py = px
+                for j in range(4 - i):
+                    pz = py
+                    for _ in range(4 - i - j):
+                        terms[count] = pz
+                        count += 1
+                        pz *= z
+                    py *= y
+                px *= x
+            for b in range(len(to_basis)):
+                value = 0.0
+                for t in range(20):
+                    value += to_basis[b, t] * terms[t]
+                for c in range(3):
+                    rows[b, c] += np.float32(value * strength * powers[lamp, c])
+        for c in range(3):
+            total = ambient[v, c]
+            for b in range(len(rows)):
+                total += coefficients[v, b, c] * rows[b, c]
+            out[v, c] = ZERO if total < 0 else total
