@@ -105,21 +105,17 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
         point_start=start,
         pixel_of_rank=pixel_of_rank,
         sites=None if model.indirect is None else _sites(model, model.indirect, view, order),
-        modes=None
-        if model.residual is None
-        else pack_modes(model, model.residual, view, order, pixel_of_rank, precision),
+        modes=modes,
         order=order,
     )
 
 
 def _block_order(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points by block of 4 x 4 pixels and pixel; the pixels that have points, in that order; where each one's begin."""
-    width = view.camera.width
     key = block_rank(view.camera)[view.points.pixel]
     order = np.argsort(key, kind="stable").astype(np.int32)
     pixel = view.points.pixel[order]
     first = np.flatnonzero(np.diff(pixel, prepend=-1) != 0)
-    assert width > 0
     return order, pixel[first], np.append(first, len(pixel)).astype(np.int32)
 
 
