@@ -113,18 +113,20 @@ def settle_borders(index, blocked, num_rays_each, seen):
 
 
 @compiled
-def may_get_thrown(lights, real_lights, ground, plane, position, geometric, normal, first, last, index):
-    """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius, least height).
-
-    Rules out without a ray what shading.cast_thrown would; what is left it decides. Returns how many.
+def ask_thrown(
+    lights, real_lights, ground, plane, position, geometric, normal, offset, first, last, origins, ways, limits,
+    crossings, index,
+):  # fmt: skip
+    """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius), by the conditions of
+    shading.cast_thrown: rays to the mirror, their way to it (`limits`) and where they meet it. Returns how many.
     """
     count = first
     for p in range(first, last):
         x, y, z = position[p, 0], position[p, 1], position[p, 2]
         height = (x - plane[0]) * plane[3] + (y - plane[1]) * plane[4] + (z - plane[2]) * plane[5]
-        if height <= plane[7]:
+        if height <= 4 * offset:
             continue
-        lx, ly, lz, falloff, _ = incident(lights, 0, x, y, z)
+        lx, ly, lz, falloff, distance = incident(lights, 0, x, y, z)
         toward = lx * plane[3] + ly * plane[4] + lz * plane[5]
         if not (toward < 0 and falloff > 0):
             continue
@@ -132,12 +134,17 @@ def may_get_thrown(lights, real_lights, ground, plane, position, geometric, norm
             continue
         reach = height / max(-toward, np.float32(1e-6))
         x, y, z = x + reach * lx, y + reach * ly, z + reach * lz
-        if (x - plane[0]) ** 2 + (y - plane[1]) ** 2 + (z - plane[2]) ** 2 > (plane[6] * 1.01) ** 2:
+        if (x - plane[0]) ** 2 + (y - plane[1]) ** 2 + (z - plane[2]) ** 2 > plane[6] ** 2 or reach >= distance:
             continue
-        lx, ly, lz, _, distance = incident(real_lights, 0, x, y, z)
-        if not _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
-            index[count] = p
-            count += 1
+        sx, sy, sz, _, left = incident(real_lights, 0, x, y, z)
+        if _ground_blocks(ground, x, y, z, sx, sy, sz, left):
+            continue
+        for axis in range(3):
+            origins[count, axis] = position[p, axis] + geometric[p, axis] * offset
+        ways[count, 0], ways[count, 1], ways[count, 2] = lx, ly, lz
+        crossings[count, 0], crossings[count, 1], crossings[count, 2] = x, y, z
+        limits[count], index[count] = reach, p
+        count += 1
     return count - first
 
 

@@ -15,7 +15,7 @@ from relight3d.relight.kernels import AT_INFINITY, FULL, KIND
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import tiles
-from relight3d.shading import cast_thrown, mirrored_light
+from relight3d.shading import mirrored_light
 from relight3d.tracing import NO_LIMITS, RayScene, over_threads
 from relight3d.views import BORDER_PATTERN, View
 
@@ -192,26 +192,37 @@ class Shadows:
     # ------------------------------------------------------------------------------------- mirrors
 
     def _cast_thrown(self, light: Light, mirror_index: int) -> Seen:
-        b, mirror = self._buffers, self._model.mirrors[mirror_index]
+        """shading.cast_thrown: a ray to the mirror, and from where it meets it one on to the lamp."""
+        b, mirror, offset = self._buffers, self._model.mirrors[mirror_index], self._offset
         virtual, real = light_row(mirrored_light(light, mirror))[None], light_row(light)[None]
-        plane = np.array([*mirror.point, *mirror.normal, mirror.radius, 3.9 * self._offset], np.float32)
-        geometry = (b.position, b.geometric_normal, b.normal)
+        plane = np.array([*mirror.point, *mirror.normal, mirror.radius * 1.001], np.float32)
+        geometry = (plane, b.position, b.geometric_normal, b.normal, offset)
+        crossings = np.empty((len(b), 3), np.float32)
+        rays = (self._origins, self._ways, self._limits, crossings, self._index)
 
-        def rule_out(part: slice) -> np.ndarray:
-            count = ray_kernels.may_get_thrown(
-                virtual, real, self._ground, plane, *geometry, part.start, part.stop, self._index
+        def ask(part: slice) -> slice:
+            ends = (part.start, part.stop)
+            return slice(
+                part.start, part.start + ray_kernels.ask_thrown(virtual, real, self._ground, *geometry, *ends, *rays)
             )
-            return self._index[part.start : part.start + count]
 
-        left = np.concatenate([np.zeros(0, np.int32), *over_threads(rule_out, self._tiles)])
+        parts = over_threads(ask, self._tiles)
         seen = np.zeros(len(b), np.uint8)
-        if len(left):
-            at = b.order[left]
-            surface = self._model.surfaces.surface_of_face
-            points, normal = self._view.points.take(at), self._view.normal[at]
-            form, num_rays = cast_thrown(self._scene, points, light, normal, mirror, surface)
-            seen[left] = np.where(form > 0, FULL, 0)
-            self.rays["thrown"] += num_rays
+        origins, ways, reach, bounce = (np.concatenate([a[:0], *(a[p] for p in parts)]) for a in rays[:-1])
+        index = np.concatenate([self._index[:0], *(self._index[p] for p in parts)])
+        if len(index) == 0:
+            return seen
+        first = self._scene.first_hit(origins, ways, coherent=True)
+        through = self._model.surfaces.surface_of_face[np.maximum(first.face, 0)] == mirror.surface
+        through &= (first.face >= 0) & (np.abs(first.distance - reach) <= 1e-3 * reach + 16 * offset)
+        bounce = bounce[through] + (mirror.normal * (4 * offset)).astype(np.float32)
+        self.rays["thrown"] += len(index) + len(bounce)
+        if len(bounce):
+            onward, _, left = light.incident(bounce)
+            at_infinity = real[0, KIND] == AT_INFINITY
+            limit = None if at_infinity else left - 2 * offset
+            blocked = self._scene.is_blocked(bounce, onward[:1] if at_infinity else onward, limit)
+            seen[index[through][~blocked]] = FULL
         return seen
 
 
