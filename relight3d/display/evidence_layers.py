@@ -16,7 +16,7 @@ from relight3d.display.pictures import (
     painted_numbers,
     upper_limit,
 )
-from relight3d.display.subject import Lights, Subject
+from relight3d.display.subject import Lights, Subject, options_of
 from relight3d.maths.color import display_u8, luminance
 from relight3d.recover.diffuse import DiffuseOptions, border_pairs
 from relight3d.recover.mirror import EdgeTest, MirrorOptions, edge_test
@@ -36,7 +36,9 @@ def shadow_borders(subject: Subject, lights: Lights) -> Painting:
     """The pairs of eq. (1) over the mean photograph: the lit side yellow, the shadowed side blue."""
     model, observed = subject.model, subject.observed
     pixels = model.pixels
-    pairs = border_pairs(observed, pixels.points, pixels.surface, model.camera, DiffuseOptions())
+    pairs = border_pairs(
+        observed, pixels.points, pixels.surface, model.camera, options_of(model, "diffuse", DiffuseOptions)
+    )
     sides = [np.bincount(pairs[:, side], minlength=len(pixels.points)) for side in (1, 2)]
     image = _grey_scene(subject)
     for count, color in zip(sides, (LIT, SHADOWED)):
@@ -78,6 +80,7 @@ def edge_tests(subject: Subject) -> list[EdgeTest]:
     model = subject.model
     points, surface = model.pixels.points, model.pixels.surface
     radiance = subject.measured[0].reshape(len(model.lights), -1, 3)[:, points.pixel]
+    options = options_of(model, "mirror", MirrorOptions)
     tests = (
         edge_test(
             subject.scene,
@@ -88,7 +91,7 @@ def edge_tests(subject: Subject) -> list[EdgeTest]:
             model.camera,
             radiance,
             index,
-            MirrorOptions(),
+            options,
         )
         for index in range(model.surfaces.num_surfaces)
     )

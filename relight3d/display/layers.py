@@ -17,7 +17,6 @@ class LayerKind:
     title: str
     caption: str  # one line for a person who is new here
     paint: Callable[[Subject, Lights], Painting]
-    group: str
     needs_capture: bool = False
 
 
@@ -25,57 +24,62 @@ _surface, _light, _evidence, _health = surface_layers, light_layers, evidence_la
 
 LAYERS: Mapping[str, LayerKind] = {
     # What was recovered.
-    "surfaces": LayerKind("Surfaces", "The regions of one material.", _surface.surfaces, "surfaces"),
-    "kinds": LayerKind("Kinds", "What the photographs say each surface is.", _surface.kinds, "surfaces"),
-    "faces": LayerKind("Faces", "The mesh that rays meet, one shade a face.", _surface.faces, "surfaces"),
-    "albedo": LayerKind("De-lit texture", "Albedo of each pixel: no light, no shadow.", _surface.albedo, "surfaces"),
-    "surface_albedo": LayerKind("Albedo", "The one albedo of each surface.", _surface.surface_albedo, "surfaces"),
-    "texture": LayerKind("Texture alone", "Albedo over its surface's own.", _surface.texture, "surfaces"),
-    "normals_mesh": LayerKind("Normals of the mesh", "Before detail.", _surface.normals_of_mesh, "surfaces"),
-    "normals": LayerKind("Normals with detail", "What shading uses.", _surface.normals, "surfaces"),
-    "relief": LayerKind("Relief", "How far the detail turns each normal.", _surface.relief, "surfaces"),
-    "lobe_strength": LayerKind("Gloss", "How much the lobes reflect.", _surface.lobe_strength, "surfaces"),
-    "lobe_width": LayerKind("Sharpness", "How wide a highlight is.", _surface.lobe_width, "surfaces"),
-    # The light, now.
-    "relit": LayerKind("Relit", "The frame under these lights.", _light.relit, "light"),
-    "direct": LayerKind("Direct light", "Diffuse, with traced shadows.", _light.term("direct"), "light"),
-    "specular": LayerKind("Highlights", "What the lobes add.", _light.term("specular"), "light"),
-    "indirect": LayerKind("Indirect light", "From other surfaces, and ambient.", _light.term("indirect"), "light"),
-    "mirror": LayerKind("Mirrors", "What is seen in them.", _light.term("mirror"), "light"),
-    "shadows": LayerKind("Shadows", "Which pixels see the light, by rays.", _light.shadows, "light"),
-    "irradiance": LayerKind(
-        "Indirect irradiance", "Indirect and ambient light on a white sheet laid over the scene.",
-        _light.indirect_light, "light",
+    "surfaces": LayerKind("Surfaces", "Regions of one material, one colour each.", _surface.surfaces),
+    "kinds": LayerKind("Kinds", "What the photographs say each surface is.", _surface.kinds),
+    "faces": LayerKind("Faces", "The triangles that rays are traced against, one shade each.", _surface.faces),
+    "albedo": LayerKind(
+        "De-lit texture", "The scene's own colours, with all light and shadow taken out.", _surface.albedo
     ),
-    "ambient": LayerKind("Ambient", "Light with every lamp off, on a white sheet.", _light.ambient_light, "light"),
+    "surface_albedo": LayerKind("Albedo", "One colour a surface, its pattern left out.", _surface.surface_albedo),
+    "texture": LayerKind("Texture alone", "How much lighter or darker than its surface a pixel is.", _surface.texture),
+    "normals_mesh": LayerKind("Normals of the mesh", "Which way the mesh faces.", _surface.normals_of_mesh),
+    "normals": LayerKind(
+        "Normals with detail", "Which way each pixel faces, with the relief that the photographs reveal.",
+        _surface.normals,
+    ),
+    "relief": LayerKind("Relief", "How far the photographs turn each pixel from the mesh.", _surface.relief),
+    "lobe_strength": LayerKind("Gloss", "How much light shiny surfaces reflect as highlights.", _surface.lobe_strength),
+    "lobe_width": LayerKind("Sharpness", "How wide a highlight is on each shiny surface.", _surface.lobe_width),
+    # The light, now.
+    "relit": LayerKind("Relit", "The scene under these lights.", _light.relit),
+    "direct": LayerKind("Direct light", "Straight from the lamps, with traced shadows.", _light.term("direct")),
+    "specular": LayerKind("Highlights", "What shiny surfaces add.", _light.term("specular")),
+    "indirect": LayerKind(
+        "Indirect light", "What comes by way of other surfaces, or from the room.", _light.term("indirect")
+    ),
+    "mirror": LayerKind("Mirrors", "What the mirrors show.", _light.term("mirror")),
+    "shadows": LayerKind("Shadows", "Which pixels see the light, by tracing rays.", _light.shadows),
+    "irradiance": LayerKind(
+        "Indirect irradiance", "Indirect light alone, as a white sheet over everything would show it.",
+        _light.irradiance,
+    ),
+    "ambient": LayerKind("Ambient", "The room's light with every lamp off, on a white sheet.", _light.ambient),
     "coefficients": LayerKind(
-        "Indirect coefficients", "How the indirect light at each place answers to the light's direction.",
-        _light.indirect_coefficients, "light",
+        "Indirect coefficients", "How indirect light grows (red) or falls (blue) as the lamp moves along an axis.",
+        _light.coefficients,
     ),
     # Evidence, in the photographs.
-    "photographs": LayerKind(
-        "Photographs", "What everything was recovered from.", _evidence.photographs, "evidence", True
-    ),
+    "photographs": LayerKind("Photographs", "What everything was recovered from.", _evidence.photographs, True),
     "shadow_borders": LayerKind(
-        "Shadow borders", "Pairs of pixels across a cast shadow, from which reflectance is read.",
-        _evidence.shadow_borders, "evidence", True,
+        "Shadow borders", "Pixels across a cast shadow: their difference says how much light a surface reflects.",
+        _evidence.shadow_borders, True,
     ),
     "mirror_edges": LayerKind(
         "Mirror edges", "Edges that each surface would show if it were a mirror, and those it shows.",
-        _evidence.mirror_edges, "evidence", True,
+        _evidence.mirror_edges, True,
     ),
-    "residual": LayerKind("Residual", "What the model misses.", _evidence.residual, "evidence", True),
+    "residual": LayerKind("Residual", "How far the model is from the photographs.", _evidence.residual, True),
     "residual_photographs": LayerKind(
         "Residual by photograph", "Where the model is too bright (red) or too dark (blue).",
-        _evidence.residual_photographs, "evidence", True,
+        _evidence.residual_photographs, True,
     ),
     # Trust.
-    "trust": LayerKind("Trust", "Where a relit pixel rests on little: never seen, never lit.", _health.trust, "trust"),
-    "plan": LayerKind("Effects plan", "Which effects run on which surface.", _health.plan, "trust"),
+    "trust": LayerKind("Trust", "How well each pixel is known: in how many photographs it is lit.", _health.trust),
+    "plan": LayerKind("Effects plan", "Which effects each surface has; absent ones cost nothing.", _health.plan),
 }  # fmt: skip
 
 _MEASURES = {
-    "status": ("Status", "Whether each fit was answered by its data."),
+    "status": ("Status", "Whether the data answered each fit, or a fallback did."),
     "rank": ("Rank", "How many unknowns of each fit the data decides."),
     "condition": ("Condition", "How much each fit magnifies noise."),
 }
@@ -112,7 +116,7 @@ def layer_kind(name: str) -> LayerKind:
     measure, _, family = name.partition(":")
     if family and measure in _MEASURES:
         title, caption = _MEASURES[measure]
-        return LayerKind(f"{title}: {family}", caption, health_layers.health_layer(measure, family), "trust")
+        return LayerKind(f"{title}: {family}", caption, health_layers.health_layer(measure, family))
     if name not in LAYERS:
         fits = ", ".join(f"{measure}:FIT" for measure in _MEASURES)
         raise InputError("layer", name, f"one of {', '.join(LAYERS)}, {fits}")

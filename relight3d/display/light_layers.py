@@ -70,7 +70,7 @@ def shadows(subject: Subject, lights: Lights) -> Painting:
     return painted_categories(image_of_points(model, count, -1), legend)
 
 
-def indirect_light(subject: Subject, lights: Lights) -> Painting:
+def irradiance(subject: Subject, lights: Lights) -> Painting:
     """Irradiance as a white sheet would show it, on a linear scale of the same exposure as the frame."""
     model = subject.model
     indirect = _indirect(model)
@@ -81,7 +81,7 @@ def indirect_light(subject: Subject, lights: Lights) -> Painting:
     return Painting(image=paint_on_empty(image, hit_mask(model)), values=values)
 
 
-def ambient_light(subject: Subject, lights: Lights) -> Painting:
+def ambient(subject: Subject, lights: Lights) -> Painting:
     model = subject.model
     indirect = _indirect(model)
     values = image_of_points(model, at_points(model, indirect.site, indirect.ambient))
@@ -90,7 +90,7 @@ def ambient_light(subject: Subject, lights: Lights) -> Painting:
     return Painting(image=paint_on_empty(image, hit_mask(model)), values=values, note=note)
 
 
-def indirect_coefficients(subject: Subject, lights: Lights) -> Painting:
+def coefficients(subject: Subject, lights: Lights) -> Painting:
     """One picture for each function of the light: how strongly the irradiance at each place answers to it."""
     model = subject.model
     indirect = _indirect(model)

@@ -38,7 +38,7 @@ def chart_of(report: PixelReport, width_px: int) -> UInt8[np.ndarray, "rows colu
     """The colours alone, as a small picture for a panel."""
     dpi = 100
     figure = Figure(figsize=(width_px / dpi, chart_height(width_px) / dpi), dpi=dpi, facecolor="white")
-    _draw_colors(figure.add_axes((0.13, 0.1, 0.85, 0.87)), report)
+    _draw_colors(figure.add_axes((0.17, 0.1, 0.81, 0.87)), report)
     return pixels_of(figure)
 
 

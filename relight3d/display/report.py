@@ -9,6 +9,7 @@ import jinja2
 from relight3d.display.embedded import file_address
 from relight3d.display.report_parts import (
     DIFFERENCE_GAIN,
+    effect_chips,
     frame_parts,
     health_parts,
     layer_parts,
@@ -20,6 +21,8 @@ from relight3d.errors import InputError
 from relight3d.evaluate.run import Evaluation, evaluate
 from relight3d.io.files import write_text
 from relight3d.records import Capture, RelightModel
+from relight3d.relight.force import SCENE
+from relight3d.relight.plan import plan_of
 
 FILE_NAME = "index.html"
 TEMPLATES = Path(__file__).parent / "templates"
@@ -79,7 +82,7 @@ def render_page(
         rows=[] if evaluation is None else evaluation.rows(),
         summary=_summary(evaluation),
         surfaces=surface_parts(model, evaluation),
-        scene_effects=[d for d in model.decisions if d.surface < 0],
+        scene_effects=effect_chips(plan_of(model).lines, SCENE),
         health=health_parts(model),
         layers=layer_parts(subject),
         plots=study_plots(study),
@@ -101,7 +104,7 @@ def _summary(evaluation: Evaluation | None) -> list[tuple[str, str, str]]:
         name, best = max(evaluation.baselines.items(), key=lambda item: item[1].mean.psnr_db)
         shared = evaluation.model.only(frame.name for frame in best.frames)
         figures.append(
-            (f"{shared.mean.psnr_db - best.mean.psnr_db:+.1f}", "dB", f"over the best interpolation, {name}")
+            (f"{shared.mean.psnr_db - best.mean.psnr_db:+.1f}", "dB", f"over the best interpolation, {name.upper()}")
         )
     return figures
 

@@ -1,6 +1,6 @@
 """The parts of a report, made ready for its template: plain records of text, numbers and embedded pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,9 +21,10 @@ from relight3d.lights import Light
 from relight3d.maths.color import display_u8
 from relight3d.maths.least_squares import Status
 from relight3d.records import Photograph, RelightModel
+from relight3d.relight.plan import PlanLine, plan_of
 from relight3d.relight.relighter import Relighter
 
-DIFFERENCE_GAIN = 4  # differences of display values are shown so many times as large
+DIFFERENCE_GAIN = 8  # differences of display values are shown so many times as large
 LEFT_OUT = ("relit", "photographs", "surface_albedo", "faces")  # layers that the page shows otherwise, or need not
 
 
@@ -136,12 +137,10 @@ def surface_parts(model: RelightModel, evaluation: Evaluation | None) -> list[Su
     """Every surface with its share of the picture, largest first."""
     measured = {} if evaluation is None else {surface.name: surface.psnr_db for surface in evaluation.surfaces}
     count = np.bincount(model.pixels.surface, minlength=model.surfaces.num_surfaces)
-    parts = []
+    parts, lines = [], plan_of(model).lines
     for index in np.argsort(-count, kind="stable"):
         name = model.surfaces.names[index]
-        effects = tuple(
-            (d.effect, d.is_on, f"{d.reason} ({d.gain_db:+.2f} dB)") for d in model.decisions if d.surface == index
-        )
+        effects = effect_chips(lines, int(index))
         parts.append(
             SurfacePart(
                 name=name,
@@ -155,6 +154,16 @@ def surface_parts(model: RelightModel, evaluation: Evaluation | None) -> list[Su
             )
         )
     return parts
+
+
+def effect_chips(lines: Sequence[PlanLine], surface: int) -> tuple[tuple[str, bool, str], ...]:
+    """The plan's lines of one surface (-1: of the scene) as a name, on or off, and the evidence in words."""
+    chips = []
+    for line in lines:
+        if line.surface == surface and not line.effect.startswith("lobe "):  # single lobes have a column of their own
+            gain = "" if line.gain_db is None else f" ({line.gain_db:+.2f} dB, {line.confidence})"
+            chips.append((line.effect, line.is_on, f"{line.reason}{gain}"))
+    return tuple(chips)
 
 
 def health_parts(model: RelightModel) -> list[HealthPart]:
@@ -231,7 +240,7 @@ def _dot(dome: LightDome, light: Light) -> Dot:
     return Dot(50 + 44 * x, 50 - 44 * y, _css(knob_color(light)))
 
 
-def _css(color: Sequence[float] | np.ndarray) -> str:
+def _css(color: Iterable[int | float | np.number]) -> str:
     red, green, blue = (round(float(c)) for c in color)
     return f"rgb({red},{green},{blue})"
 

@@ -1,7 +1,9 @@
 """What layers, reports and the viewer look at: a model, its capture if there is one, and what both share."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -17,6 +19,7 @@ from relight3d.tracing import RayScene
 from relight3d.views import View, build_view
 
 Lights = tuple[Light, ...]
+Options = TypeVar("Options")
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +102,16 @@ class Subject:
             radiance.reshape(len(radiance), -1, 3)[:, points.pixel],
             is_valid.reshape(len(is_valid), -1)[:, points.pixel],
             lights,
-            visibility.VisibilityOptions(),
+            options_of(model, "visibility", visibility.VisibilityOptions),
             model.mirrors,
             model.surfaces.surface_of_face,
+            model.pixels.surface,
         )
+
+
+def options_of(model: RelightModel, stage: str, kind: type[Options]) -> Options:
+    """The options that a stage of the model's recovery had; the defaults where the model does not say."""
+    recovered = model.settings.get("recover")
+    told = recovered.get(stage) if isinstance(recovered, Mapping) else None
+    names = {each.name for each in fields(kind)}  # pyright: ignore[reportArgumentType]
+    return kind(**{key: value for key, value in told.items() if key in names} if isinstance(told, Mapping) else {})

@@ -1,7 +1,6 @@
 """The panels of the viewer: each shows a part of a ViewerState and changes it. No logic lives here."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -11,29 +10,9 @@ from relight3d.display.light_dome import dome_picture
 from relight3d.display.open3d_modules import gui, open3d
 from relight3d.display.pixel_figure import chart_height, chart_of
 from relight3d.display.viewer_state import ViewerState, title_of
+from relight3d.display.viewer_widgets import Slider, button, row
 
 _DISC = 210  # pixels
-
-
-def _row(em: float, *children) -> Any:
-    row = gui.Horiz(0.4 * em)
-    for child in children:
-        row.add_child(child)
-    return row
-
-
-def _slider(low: float, high: float, on_change: Callable[[float], None]) -> Any:
-    slider = gui.Slider(gui.Slider.DOUBLE)
-    slider.set_limits(low, high)
-    slider.set_on_value_changed(on_change)
-    return slider
-
-
-def _button(text: str, on_click: Callable[[], None]) -> Any:
-    button = gui.Button(text)
-    button.vertical_padding_em = 0.1
-    button.set_on_clicked(on_click)
-    return button
 
 
 class Panel:
@@ -70,25 +49,25 @@ class LightPanel(Panel):
         self.switch.set_on_checked(lambda is_on: self._set(self.state.rack.switch(is_on)))
         self.color = gui.ColorEdit()
         self.color.set_on_value_changed(lambda c: self._set(self.state.rack.tint(c.red, c.green, c.blue)))
-        self.strength = _slider(0.0, 4.0, lambda value: self._set(self.state.rack.strengthen(value)))
+        self.strength = Slider(0.0, 4.0, 1.0, lambda value: self._set(self.state.rack.strengthen(value)))
         radius = self.state.dome.radius
-        self.distance = _slider(
-            0.2 * radius, 6.0 * radius, lambda value: self._set(self.state.rack.set_distance(value))
+        self.distance = Slider(
+            0.2 * radius, 6.0 * radius, 2.0 * radius, lambda value: self._set(self.state.rack.set_distance(value))
         )
         self.disc = gui.ImageWidget(open3d.geometry.Image(np.zeros((_DISC, _DISC, 3), np.uint8)))
         self.disc.set_on_mouse(self._on_disc)
         self.note = gui.Label("")
         self._names: list[str] = []
-        add_sun = _button("+ directional", lambda: self._set(self.state.rack.add("directional")))
-        add_lamp = _button("+ point", lambda: self._set(self.state.rack.add("point")))
-        remove = _button("remove", lambda: self._set(self.state.rack.remove()))
+        add_sun = button("+ directional", lambda: self._set(self.state.rack.add("directional")))
+        add_lamp = button("+ point", lambda: self._set(self.state.rack.add("point")))
+        remove = button("remove", lambda: self._set(self.state.rack.remove()))
         return [
-            _row(self.em, self.menu, self.switch),
-            _row(self.em, add_sun, add_lamp, remove),
-            _row(self.em, self.disc),
+            row(self.em, self.menu, self.switch),
+            row(self.em, add_sun, add_lamp, remove),
+            row(self.em, self.disc),
             self.color,
-            _row(self.em, gui.Label("strength"), self.strength),
-            _row(self.em, gui.Label("distance"), self.distance),
+            row(self.em, gui.Label("strength"), self.strength.widget),
+            row(self.em, gui.Label("distance"), self.distance.widget),
             self.note,
         ]
 
@@ -104,9 +83,9 @@ class LightPanel(Panel):
             self.menu.selected_index = rack.selected
             self.switch.checked = rack.current.is_on
             self.color.color_value = gui.Color(*rack.current.tint)
-            self.strength.double_value = rack.current.strength
-            self.distance.double_value = rack.dome.distance_of(rack.current.base)
-        self.distance.enabled = rack.has_distance
+            self.strength.show(rack.current.strength)
+            self.distance.show(rack.dome.distance_of(rack.current.base))
+        self.distance.widget.enabled = rack.has_distance
         known = [rack.dome.direction_of(light) for lights in self.state.model.lights for light in lights]
         picture = dome_picture(rack.dome, rack.shown, rack.selected, known, _DISC)
         self.disc.update_image(open3d.geometry.Image(np.ascontiguousarray(picture)))
@@ -136,16 +115,20 @@ class ViewPanel(Panel):
     title = "View"
 
     def build(self) -> list:
-        self.exposure = _slider(-4.0, 4.0, self._expose)
+        self.exposure = Slider(-4.0, 4.0, 0.0, self._expose)
         self.gizmo = gui.Checkbox("lights in the picture")
         self.gizmo.checked = True
         self.gizmo.set_on_checked(self._show_gizmo)
         hint = gui.Label("drag: orbit, right drag: move, wheel: zoom,\nclick: look at a pixel")
         return [
-            _row(self.em, gui.Label("exposure"), self.exposure),
-            _row(self.em, _button("captured view", self._reset), self.gizmo),
+            row(self.em, gui.Label("exposure"), self.exposure.widget),
+            row(self.em, button("captured view", self._reset), self.gizmo),
             hint,
         ]
+
+    def refresh(self) -> None:
+        self.exposure.show(self.state.exposure_stops)
+        self.gizmo.checked = self.state.shows_gizmo
 
     def _expose(self, stops: float) -> None:
         self.state.exposure_stops = stops
@@ -170,10 +153,9 @@ class SpeedPanel(Panel):
         for name in (*PRESETS, "budget"):
             self.menu.add_item(name)
         self.menu.set_on_selection_changed(lambda name, _: self._choose(name))
-        self.budget = _slider(4.0, 100.0, lambda _: self._choose("budget"))
-        self.budget.double_value = 16.0
+        self.budget = Slider(4.0, 100.0, 16.0, lambda _: self._choose("budget"))
         self.costs = gui.Label("")
-        return [self.menu, _row(self.em, gui.Label("budget, ms"), self.budget), self.costs]
+        return [self.menu, row(self.em, gui.Label("budget, ms"), self.budget.widget), self.costs]
 
     def refresh(self) -> None:
         speed = self.state.speed
@@ -182,7 +164,7 @@ class SpeedPanel(Panel):
 
     def _choose(self, name: str) -> None:
         if name == "budget":
-            self.state.set_speed("exact", self.budget.double_value)
+            self.state.set_speed("exact", self.budget.value)
         else:
             self.state.set_speed(name)
         self.changed()

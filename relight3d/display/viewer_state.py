@@ -122,7 +122,12 @@ class ViewerState:
     def cost_lines(self) -> list[str]:
         """The frame's time and rays, and what a budget gave up, for a person."""
         stats = self.frame().stats
-        lines = [f"frame: {stats.total_ms:.1f} ms, {stats.num_rays:,} rays"]
+        kept = (
+            ", shadows as before"
+            if self.rack.active and stats.num_rays == 0 and "shadows" not in self.speed.off
+            else ""
+        )
+        lines = [f"frame: {stats.total_ms:.1f} ms, {stats.num_rays:,} rays{kept}"]
         lines += [f"  {name}: {milliseconds:.1f} ms" for name, milliseconds in stats.milliseconds.items()]
         return [*lines, *self.maker().notes]
 

@@ -15,6 +15,7 @@ _PANEL_EM = 24  # width of the panel, in heights of its letters
 _STILL_SECONDS = 0.25  # after so long without a move the picture is made pixel by pixel
 _CLICK_PX = 4  # a press that moves less than this is a click
 _KNOB_PX = 14
+_REDRAWS = 3  # a window that is drawn just then shows the image before: once more is needed, at times twice
 
 
 class ViewerWindow:
@@ -34,17 +35,19 @@ class ViewerWindow:
         em = self.window.theme.font_size
         self.status = gui.Label("")
         self.tabs = gui.TabControl()
-        self.parts = []
+        self.parts, self.pages = [], []
         for name, kinds in TABS.items():
             page = gui.ScrollableVert(0.4 * em, gui.Margins(0.4 * em, 0.5 * em, 0.4 * em, 0.5 * em))
             for kind in kinds:
                 self.parts.append(kind(state, self.changed, em))
                 page.add_child(self.parts[-1].widget)
             self.tabs.add_tab(name, page)
+            self.pages.append(page)
         self.panel = gui.Vert(0.3 * em, gui.Margins(0.5 * em, 0.5 * em, 0.5 * em, 0.5 * em))
         self.panel.add_child(self.status)
         self.panel.add_child(self.tabs)
-        self.tabs.set_on_selected_tab_changed(lambda _: self.changed())
+        self.tabs.set_on_selected_tab_changed(self.open_tab)
+        self.open_tab(0)
         for widget in (self.image, self.mesh, self.panel):
             self.window.add_child(widget)
         for widget in (self.image, self.mesh):
@@ -54,6 +57,7 @@ class ViewerWindow:
         self._laid_out_for = (0, 0)
         self._box = (0, 0, 1, 1)  # of the picture, in the window's pixels
         self._is_stale, self._is_idle, self._moved_at = True, False, 0.0
+        self._num_redraws = 0
         self._press: tuple[str, int, int] | None = None
         self._last = (0, 0)
         self._colored_by: tuple | None = None
@@ -65,6 +69,14 @@ class ViewerWindow:
     def close(self) -> None:
         """Close the window at the next tick: at once, from a callback of its own, would crash."""
         self.app.post_to_main_thread(self.window, self.window.close)
+
+    def open_tab(self, index: int) -> None:
+        """Show one page of panels. The others must be invisible: the last would take the mouse from all before it."""
+        if self.tabs.selected_tab_index != index:
+            self.tabs.selected_tab_index = index
+        for number, page in enumerate(self.pages):
+            page.visible = number == index
+        self.changed()
 
     def changed(self) -> None:
         """Called by the panels after they have changed the state."""
@@ -92,6 +104,9 @@ class ViewerWindow:
         if self._is_stale:
             self._show_picture()
             return True
+        if self._num_redraws > 0:
+            self._num_redraws -= 1
+            return True
         if not self._is_idle:
             # What costs as much as a frame waits until nothing else is due, and is done piece by piece.
             page = list(TABS.values())[self.tabs.selected_tab_index]
@@ -106,7 +121,7 @@ class ViewerWindow:
         picture, box = self.state.display(max(area.width, 1), max(area.height, 1))
         self._box = (box[0] + area.x, box[1] + area.y, box[2], box[3])
         self.image.update_image(open3d.geometry.Image(np.ascontiguousarray(picture)))
-        self._is_stale = False
+        self._is_stale, self._num_redraws = False, _REDRAWS
         self.status.text = self.state.cost_lines()[0]
         for part in self.parts:
             part.refresh()
@@ -162,7 +177,7 @@ class ViewerWindow:
         self._press = None
         if action == "orbit" and not self.mesh.visible:
             self.state.inspect(*self._in_picture(event))
-            self.tabs.selected_tab_index = _INSPECT
+            self.open_tab(_INSPECT)
             self.changed()
 
     def _in_picture(self, event) -> tuple[float, float]:

@@ -11,15 +11,28 @@ from pathlib import Path
 
 import numpy as np
 
+from pipelines.virtual_screen import read_screen
 from relight3d.display.frames import show_frame_u8
 from relight3d.display.viewer_state import ViewerState
 from relight3d.display.viewer_window import ViewerWindow
 from relight3d.evaluate.truth import true_model
 from relight3d.relight.relighter import Relighter
-from tests.display.x_screen import XClient, read_screen
+from tests.display.x_client import XClient
 from tests.scenes import desk, desk_capture
 
 FRAMEBUFFER = Path(sys.argv[1])
+
+
+class WatchedWindow(ViewerWindow):
+    """A window that notes what reached it from the mouse."""
+
+    def __init__(self, state: ViewerState) -> None:
+        self.heard: list[tuple[str, int, int]] = []
+        super().__init__(state, width=1000, height=640)
+
+    def _on_mouse(self, event) -> object:
+        self.heard.append((str(event.type).rpartition(".")[2], event.x, event.y))
+        return super()._on_mouse(event)
 
 
 class Driver:
@@ -30,7 +43,7 @@ class Driver:
         lights = [photograph.lights for photograph in capture.split("train")]
         model = true_model(desk(glossy=True, mirror=True, ambient=0.2), lights, exposure=0.6)
         self.state = ViewerState(replace(model, decisions=()), capture)
-        self.window = ViewerWindow(self.state, width=1000, height=640)
+        self.window = WatchedWindow(self.state)
         self.mouse = XClient(os.environ["DISPLAY"])
         self.wait(lambda: self.shows_picture())
 
@@ -39,7 +52,7 @@ class Driver:
             self.window.app.run_one_tick()
             time.sleep(0.01)
 
-    def wait(self, condition, seconds: float = 60.0) -> None:
+    def wait(self, condition, seconds: float = 120.0) -> None:
         """Tick until a condition holds; an assertion's error where it never does."""
         end = time.monotonic() + seconds
         while not condition():
@@ -60,15 +73,39 @@ class Driver:
         return shown.shape == wanted.shape and np.mean(np.abs(shown.astype(int) - wanted)) < 0.5
 
     def drag(self, start: tuple[float, float], *through: tuple[float, float]) -> None:
-        self.mouse.move(*start)
-        self.ticks(5)
-        self.mouse.press()
-        self.ticks(5)
+        self.press(*start)
         for place in through:
-            self.mouse.move(*place)
-            self.ticks(8)
+            self.move("DRAG", *place)
+        self.release()
+
+    def panel(self, title: str):
+        return next(part for part in self.window.parts if part.title == title)
+
+    def click_and_pull(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """A drag on the panels, whose widgets tell nobody what they hear."""
+        for act in (
+            lambda: self.mouse.move(*start),
+            self.mouse.press,
+            lambda: self.mouse.move(*end),
+            self.mouse.release,
+        ):
+            act()
+            self.ticks(30)
+
+    def press(self, x: float, y: float) -> None:
+        self.mouse.move(x + 3, y + 3)  # a move to where the pointer is would be none
+        self.move("MOVE", x, y)
+        self.mouse.press()
+        self.wait(lambda: self.window.heard[-1][0] == "BUTTON_DOWN")
+
+    def move(self, kind: str, x: float, y: float) -> None:
+        """Move the pointer, and wait until the window knows: on a busy machine that takes a while."""
+        self.mouse.move(x, y)
+        self.wait(lambda: self.window.heard[-1:] == [(kind, round(x), round(y))])
+
+    def release(self) -> None:
         self.mouse.release()
-        self.ticks(5)
+        self.wait(lambda: self.window.heard[-1][0] == "BUTTON_UP")
 
 
 def drag_the_light(driver: Driver) -> None:
@@ -85,8 +122,39 @@ def drag_the_light(driver: Driver) -> None:
     driver.wait(driver.shows_picture)
 
 
+def add_a_lamp(driver: Driver) -> None:
+    """It stays where it was put: no widget moves it by being drawn. Then the hand moves it on the disc."""
+    state, panel = driver.state, driver.panel("Lights")
+    state.rack = state.rack.add("point")
+    lamp = state.rack.active[-1]
+    driver.window.changed()
+    driver.wait(driver.shows_picture)
+    driver.ticks(20)
+    np.testing.assert_array_equal(state.rack.active[-1].position, lamp.position)
+    frame = panel.disc.frame
+    middle = (frame.x + frame.width / 2, frame.y + frame.height / 2)
+    driver.click_and_pull(middle, (middle[0] + 40, middle[1] - 20))
+    half = min(frame.width, frame.height) / 2 - 8
+    place = state.dome.place_on_disc(state.dome.direction_of(state.rack.active[-1]))
+    np.testing.assert_allclose(place, (40 / half, 20 / half), atol=2 / half)
+    state.rack = state.rack.remove()
+    driver.window.changed()
+    driver.wait(driver.shows_picture)
+
+
+def pull_the_exposure(driver: Driver) -> None:
+    frame = driver.panel("View").exposure.widget.frame
+    place = (frame.x + frame.width // 2, frame.y + frame.height // 2)
+    driver.click_and_pull(place, (place[0] + frame.width // 4, place[1]))
+    assert 0.5 < driver.state.exposure_stops < 3.5
+    driver.wait(driver.shows_picture)
+    driver.state.exposure_stops = 0.0
+    driver.window.changed()
+    driver.wait(driver.shows_picture)
+
+
 def switch_a_layer(driver: Driver) -> None:
-    panel = next(part for part in driver.window.parts if part.title == "Layer")
+    panel = driver.panel("Layer")
     panel.choose("normals")
     driver.wait(driver.shows_picture)
     assert driver.state.layer_name == "normals"
@@ -105,16 +173,15 @@ def click_a_pixel(driver: Driver) -> None:
 def orbit(driver: Driver) -> None:
     """While the camera moves there is the mesh, and when it stands the picture of its new view."""
     middle = driver.on_screen(8.0, 40.0)
-    driver.mouse.move(*middle)
-    driver.ticks(5)
-    driver.mouse.press()
-    driver.ticks(5)
-    driver.mouse.move(middle[0] + 60, middle[1] - 10)
+    driver.press(*middle)
+    driver.move("DRAG", middle[0] + 60, middle[1] - 10)
     driver.wait(lambda: driver.window.mesh.visible)
     driver.ticks(10)
     assert not driver.state.is_captured_view
-    assert read_screen(FRAMEBUFFER).std() > 10  # the mesh is drawn
-    driver.mouse.release()
+    area = driver.window.mesh.frame
+    drawn = read_screen(FRAMEBUFFER)[area.y : area.y + area.height, area.x : area.x + area.width]
+    assert drawn.std() > 10  # the mesh, not an empty ground
+    driver.release()
     driver.wait(lambda: not driver.window.mesh.visible)
     driver.wait(driver.shows_picture)
     driver.state.reset_camera()
@@ -127,7 +194,7 @@ def main() -> None:
     for index in range(int(sys.argv[2])):
         driver = Driver()
         if index == 0:
-            for work in (drag_the_light, switch_a_layer, click_a_pixel, orbit):
+            for work in (drag_the_light, add_a_lamp, pull_the_exposure, switch_a_layer, click_a_pixel, orbit):
                 work(driver)
         driver.mouse.close()
         driver.window.close()

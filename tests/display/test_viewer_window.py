@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipelines.virtual_screen import HAS_XVFB, XScreen, read_screen
 from relight3d.display.frames import show_frame_u8
 from relight3d.display.probe import vulkan_trouble, window_trouble
 from relight3d.display.viewer import screenshot, view
@@ -18,7 +19,7 @@ from relight3d.errors import DisplayError, InputError
 from relight3d.io.images import read_image
 from relight3d.records import Capture, RelightModel
 from relight3d.relight.relighter import Relighter
-from tests.display.x_screen import HAS_XVFB, XClient, XScreen, read_screen
+from tests.display.x_client import XClient
 
 ROOT = Path(__file__).parents[2]
 needs_screen = pytest.mark.skipif(
