@@ -1,9 +1,8 @@
-"""Regions of a graph and of an image by what is alike: index and feature arrays only.
+"""Regions by what is alike, over a graph of what touches: feature and index arrays only.
 
-A region is a number per node (-1: none). `Moments` are what regions are compared by: they add up when regions merge, so
-merging costs nothing. The distance is Bhattacharyya's for normal distributions: it grows with the difference of the
-means measured in the regions' own scatter, and with the ratio of the scatters, so a textured region is like another
-of its contrast although their means differ, and unlike a plain one of the same mean.
+Regions are compared by the `Moments` of their samples, with Bhattacharyya's distance of normal distributions: it grows
+with the difference of the means, measured in the regions' own scatter, and with the ratio of the scatters. So a print
+is like another print of its contrast although their means differ, and unlike a plain region of the same mean.
 """
 
 from dataclasses import dataclass
@@ -12,6 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Float64, Int, Int32
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
+
+PALETTE_SHARE = 0.35  # of the mean scatter, added in all directions: a print's few colours say little of the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,29 +24,50 @@ class Moments:
     covariance: Float64[np.ndarray, "region feature feature"]
 
 
-def components(num_nodes: int, pairs: Int[np.ndarray, "pair 2"]) -> Int32[np.ndarray, " node"]:
-    """The connected component of each node."""
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(num_nodes, num_nodes))
-    return connected_components(graph, directed=False)[1].astype(np.int32)
-
-
 def region_moments(
     features: Float[np.ndarray, "sample feature"], region: Int[np.ndarray, " sample"], num_regions: int
 ) -> Moments:
-    """Moments by region; samples of region -1 are left out, a region without samples has count, mean and scatter 0."""
-    kept = region >= 0
-    x, region = features[kept].astype(np.float64), region[kept]
+    """Moments by region; all zero for a region without samples."""
     count = np.bincount(region, minlength=num_regions).astype(np.float64)
     safe = np.maximum(count, 1.0)
-    size = x.shape[1]
-    mean = np.stack([np.bincount(region, x[:, i], num_regions) / safe for i in range(size)], axis=1)
-    away = x - mean[region]
-    covariance = np.empty((num_regions, size, size))
-    for i in range(size):
-        for j in range(i, size):
-            product = np.bincount(region, away[:, i] * away[:, j], num_regions) / safe
-            covariance[:, i, j] = covariance[:, j, i] = product
-    return Moments(count, mean, covariance)
+    mean = np.stack([np.bincount(region, x, num_regions) / safe for x in features.T], axis=1)
+    away = (features - mean[region]).T
+    rows = [[np.bincount(region, x * y, num_regions) / safe for y in away] for x in away]
+    return Moments(count, mean, np.moveaxis(np.array(rows), 2, 0))
+
+
+def united(parts: Moments, region: Int[np.ndarray, " part"], grows: bool) -> Moments:
+    """The moments of regions put together; unless it `grows`, their scatter is the mean of the parts' own."""
+    size, num_regions = parts.mean.shape[1], int(region.max(initial=-1)) + 1
+    count = np.bincount(region, parts.count, num_regions)
+    share = (parts.count / np.maximum(count, 1e-30)[region])[:, None]
+
+    def summed(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(region, column, num_regions) for column in (share * values).T], axis=1)
+
+    mean = summed(parts.mean)
+    away = (parts.mean - mean[region]) * grows
+    scatter = parts.covariance + away[:, :, None] * away[:, None, :]
+    return Moments(count, mean, summed(scatter.reshape(-1, size * size)).reshape(-1, size, size))
+
+
+def clip_tails(
+    features: Float64[np.ndarray, "sample feature"],
+    region: Int[np.ndarray, " sample"],
+    num_regions: int,
+    tail: float,
+    slack: Float[np.ndarray, " feature"],
+) -> Float64[np.ndarray, "sample feature"]:
+    """Features brought to between their region's quantiles `tail` and 1 - `tail`, give or take `slack`."""
+    count = np.bincount(region, minlength=num_regions)
+    start, cut = np.cumsum(count) - count, (tail * count).astype(int)
+    low, high = start + cut, start + np.maximum(count - 1 - cut, 0)
+    out = np.empty_like(features)
+    for i, column in enumerate(features.T):
+        # Not the median and its scatter: of two colours in one region they would leave only the more frequent.
+        ordered = np.append(column[np.lexsort((column, region))], 0.0)
+        out[:, i] = np.clip(column, (ordered[low] - slack[i])[region], (ordered[high] + slack[i])[region])
+    return out
 
 
 def distances(
@@ -61,69 +83,142 @@ def distances(
 
 
 def _widened(covariance: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    # A part of the scatter counts in all directions: the few colours of a print say little about those it lacks.
-    size = covariance.shape[-1]
-    mean = np.trace(covariance, axis1=-2, axis2=-1) / size
-    return covariance + np.diag(floor**2) + 0.25 * mean[:, None, None] * np.eye(size)
+    mean = np.trace(covariance, axis1=-2, axis2=-1) / len(floor)
+    return covariance + np.diag(floor**2) + PALETTE_SHARE * mean[:, None, None] * np.eye(len(floor))
 
 
 def merge_alike(
-    moments: Moments, pairs: Int[np.ndarray, "pair 2"], floor: Float[np.ndarray, " feature"], limit: float
+    moments: Moments,
+    pairs: Int[np.ndarray, "pair 2"],
+    floor: Float[np.ndarray, " feature"],
+    limit: float,
+    grows: bool = True,
+    may_merge: Bool[np.ndarray, " pair"] | None = None,
 ) -> Int32[np.ndarray, " region"]:
     """Merge the most alike of the pairs, again and again, while they are nearer than `limit`. New numbers, 0 upward.
 
-    The loop runs over merges, of which there are fewer than regions, and measures again only what has changed.
+    A merged region's scatter is that of all its samples if it `grows`, else the mean of its parts' own: then a region
+    that drifts does not grow more tolerant with every merge, until it swallows what is next to it. Pairs that may not
+    merge stay apart through the merges of others. The loop runs over merges, of which there are fewer than regions,
+    and measures again only what has changed.
     """
     moments = Moments(moments.count.copy(), moments.mean.copy(), moments.covariance.copy())
-    pairs = np.array(pairs)
-    label = np.arange(len(moments.count))
-    distance = distances(moments, pairs, floor)
+    pairs, label = np.array(pairs), np.arange(len(moments.count))
+    is_apart = np.zeros(len(pairs), bool) if may_merge is None else ~may_merge
+    distance = np.where(is_apart, np.inf, distances(moments, pairs, floor))
     while len(pairs) and distance.min() < limit:
-        one, other = pairs[np.argmin(distance)]
-        _merge_into(moments, one, other)
+        one, other = (int(end) for end in pairs[np.argmin(distance)])
+        _merge_into(moments, one, other, grows)
         label[label == other] = one
         pairs[pairs == other] = one
         changed = np.flatnonzero((pairs == one).any(axis=1))
-        distance[changed] = distances(moments, pairs[changed], floor)
-        distance[pairs[:, 0] == pairs[:, 1]] = np.inf
-    return np.unique(label, return_inverse=True)[1].astype(np.int32)
+        partner = pairs[changed].sum(axis=1) - one
+        is_apart[changed] |= np.isin(partner, partner[is_apart[changed]]) | (partner == one)
+        distance[changed] = np.where(is_apart[changed], np.inf, distances(moments, pairs[changed], floor))
+    return renumbered(label)
 
 
-def _merge_into(moments: Moments, one: int, other: int) -> None:
+def _merge_into(moments: Moments, one: int, other: int, grows: bool) -> None:
     both = np.array([one, other])
     share = moments.count[both] / max(moments.count[both].sum(), 1e-30)
     away = moments.mean[one] - moments.mean[other]
-    spread = share[0] * share[1] * np.outer(away, away)
+    spread = share[0] * share[1] * np.outer(away, away) * grows
     moments.covariance[one] = np.einsum("r,rij->ij", share, moments.covariance[both]) + spread
     moments.mean[one] = share @ moments.mean[both]
     moments.count[one] = moments.count[both].sum()
 
 
-def distinct_pairs(pairs: Int[np.ndarray, "pair 2"]) -> Int32[np.ndarray, "pair 2"]:
-    """Each unordered pair of different numbers once, the lower first."""
-    pairs = np.sort(pairs, axis=1)
-    return np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0).astype(np.int32)
+def absorb(
+    moments: Moments,
+    pairs: Int[np.ndarray, "pair 2"],
+    floor: Float[np.ndarray, " feature"],
+    is_small: Bool[np.ndarray, " region"],
+) -> Int32[np.ndarray, " region"]:
+    """Give each small region to the touching region most like it, over other small ones if need be. New numbers.
+
+    Small regions that touch no large one stay.
+    """
+    into = np.where(is_small, -1, np.arange(len(is_small)))
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    distance = np.tile(distances(moments, pairs, floor), 2)
+    while True:
+        is_next = (into[both[:, 0]] < 0) & (into[both[:, 1]] >= 0)
+        small, near = both[is_next, 0], into[both[is_next, 1]]
+        if len(small) == 0:
+            return renumbered(np.where(into < 0, np.arange(len(into)), into))
+        order = np.lexsort((distance[is_next], small))
+        first = np.unique(small[order], return_index=True)[1]
+        into[small[order][first]] = near[order][first]
+
+
+def merge_interleaved(
+    count: Float[np.ndarray, " region"],
+    pairs: Int[np.ndarray, "pair 2"],
+    border: Float[np.ndarray, " pair"],
+    limit: float,
+) -> Int32[np.ndarray, " region"]:
+    """Merge what lies within others as the colours of a print do: much border for little area. New numbers.
+
+    A region's measure is border^2 / (4 pi area): 1 for a disc on a ground, k for k discs, below 0.3 for one of two
+    halves. The highest goes to the region it shares most of its border with. `border` counts pairs of pixels across it,
+    which is 4 / pi times its length on the mean of all directions.
+    """
+    label, count = np.arange(len(count)), np.maximum(count, 1.0)
+    table = np.zeros((len(count), len(count)))
+    np.add.at(table, (pairs[:, 0], pairs[:, 1]), border * (np.pi / 4))
+    table += table.T
+    while len(count):
+        measure = table.sum(axis=1) ** 2 / (4 * np.pi * count)
+        one = int(np.argmax(measure))
+        if measure[one] < limit:
+            break
+        other = int(np.argmax(table[one]))
+        table[other] += table[one]
+        table[:, other] += table[:, one]
+        table[one] = table[:, one] = table[other, other] = 0.0
+        count[other] += count[one]
+        label[label == one] = other
+    return renumbered(label)
+
+
+# ------------------------------------------------------------------------------------------------ graphs
+
+
+def renumbered(label: Int[np.ndarray, " node"]) -> Int32[np.ndarray, " node"]:
+    """The same labels, numbered 0 upward without gaps."""
+    return np.unique(label, return_inverse=True)[1].ravel().astype(np.int32)
+
+
+def first_of_each(label: Int[np.ndarray, " node"]) -> Int[np.ndarray, " region"]:
+    """The first member of each label, in the order of the labels."""
+    return np.unique(label, return_index=True)[1]
+
+
+def components(num_nodes: int, pairs: Int[np.ndarray, "pair 2"]) -> Int32[np.ndarray, " node"]:
+    """The connected component of each node."""
+    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(num_nodes, num_nodes))
+    return connected_components(graph, directed=False)[1].astype(np.int32)
+
+
+def borders(
+    region: Int[np.ndarray, "pair 2"], length: Float[np.ndarray, " pair"]
+) -> tuple[Int32[np.ndarray, "border 2"], Float64[np.ndarray, " border"]]:
+    """The pairs of different regions that touch, each once, and their summed lengths."""
+    differs = region[:, 0] != region[:, 1]
+    ordered = np.sort(region[differs], axis=1).astype(np.int64)
+    size = int(ordered.max(initial=0)) + 1
+    key, index = np.unique(ordered[:, 0] * size + ordered[:, 1], return_inverse=True)
+    total = np.bincount(index.ravel(), length[differs], len(key)).astype(np.float64)
+    return np.stack([key // size, key % size], axis=1).astype(np.int32), total
 
 
 def pairs_within(group: Int[np.ndarray, " region"]) -> Int32[np.ndarray, "pair 2"]:
     """All pairs of regions of the same group."""
     order = np.argsort(group, kind="stable")
-    starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-    parts = [np.stack(np.triu_indices(len(each), 1), axis=1) for each in np.split(order, starts[1:])]
-    groups = np.split(order, starts[1:])
-    found = [members[pairs] for members, pairs in zip(groups, parts)]
-    return np.concatenate(found).astype(np.int32) if found else np.zeros((0, 2), np.int32)
-
-
-def borders(
-    region: Int[np.ndarray, "pair 2"],
-) -> tuple[Int32[np.ndarray, "border 2"], Float64[np.ndarray, " border"]]:
-    """The pairs of regions that neighbouring samples belong to, each once, and by how many samples they touch."""
-    region = np.sort(region[region[:, 0] != region[:, 1]], axis=1)
-    if len(region) == 0:
-        return np.zeros((0, 2), np.int32), np.zeros(0)
-    pairs, length = np.unique(region, axis=0, return_counts=True)
-    return pairs.astype(np.int32), length.astype(np.float64)
+    found = [np.zeros((0, 2), np.int64)]
+    for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        found.append(members[np.stack(np.triu_indices(len(members), 1), axis=1)])
+    return np.concatenate(found).astype(np.int32)
 
 
 def nearest_labelled(
@@ -137,52 +232,3 @@ def nearest_labelled(
     graph = coo_array((np.maximum(length, 1e-12), (pairs[:, 0], pairs[:, 1])), shape=(len(label), len(label))).tocsr()
     _, _, source = dijkstra(graph, directed=False, indices=known, min_only=True, return_predecessors=True)
     return np.where(source >= 0, label[np.maximum(source, 0)], -1).astype(np.int32)
-
-
-def most_alike_neighbour(
-    moments: Moments,
-    pairs: Int[np.ndarray, "pair 2"],
-    floor: Float[np.ndarray, " feature"],
-    is_small: Bool[np.ndarray, " region"],
-) -> Int32[np.ndarray, " region"]:
-    """For each small region the large neighbour most like it, across other small ones if need be; itself if none."""
-    into = np.where(is_small, -1, np.arange(len(is_small)))
-    distance = distances(moments, pairs, floor)
-    both, length = np.concatenate([pairs, pairs[:, ::-1]]), np.concatenate([distance, distance])
-    while True:
-        waits = (into[both[:, 0]] < 0) & (into[both[:, 1]] >= 0)
-        small, near = both[waits, 0], into[both[waits, 1]]
-        if len(small) == 0:
-            return np.where(into < 0, np.arange(len(into)), into).astype(np.int32)
-        order = np.lexsort((length[waits], small))
-        first = np.unique(small[order], return_index=True)[1]
-        into[small[order][first]] = near[order][first]
-
-
-def merge_interleaved(
-    count: Float[np.ndarray, " region"],
-    pairs: Int[np.ndarray, "pair 2"],
-    border: Float[np.ndarray, " pair"],
-    limit: float,
-) -> Int32[np.ndarray, " region"]:
-    """Merge what lies within each other as the colours of a print do: many borders for little area. New numbers.
-
-    Two regions are interleaved by border^2 / (4 pi area of the smaller): 1 for a disc on a ground, k for k discs, 0.3 or
-    less for two halves.
-    """
-    label, count = np.arange(len(count)), np.array(count, np.float64)
-    size = len(count)
-    table = np.zeros((size, size))
-    np.add.at(table, (pairs[:, 0], pairs[:, 1]), border)
-    table += table.T
-    while True:
-        interleaving = table**2 / (4 * np.pi * np.maximum(np.minimum.outer(count, count), 1.0))
-        np.fill_diagonal(interleaving, 0.0)
-        one, other = np.unravel_index(np.argmax(interleaving), table.shape) if size else (0, 0)
-        if size == 0 or interleaving[one, other] < limit:
-            return np.unique(label, return_inverse=True)[1].astype(np.int32)
-        table[one] += table[other]
-        table[:, one] += table[:, other]
-        table[other] = table[:, other] = 0.0
-        count[one] += count[other]
-        label[label == other] = one

@@ -33,7 +33,7 @@ def assemble(
     model = provisional_model(stage, observed, mirrors, fitted)
     health = {
         **model.health,
-        "albedo": _albedo_health(fitted),
+        "albedo": _albedo_health(stage, fitted),
         "lobes": _lobe_health(stage, fitted),
         "texture": _pixel_health(stage, observed),
     }
@@ -68,20 +68,29 @@ def _numbers(stage: Stage, fitted: Fitted, tests: list[mirror.EdgeTest]) -> tupl
     return tuple(numbers)
 
 
-def _albedo_health(fitted: Fitted) -> Health:
+def _albedo_health(stage: Stage, fitted: Fitted) -> Health:
     """OK by shadow borders or jointly; FALLBACK where only the prior is left: indirect light small against direct."""
-    border, joint = fitted.border, fitted.joint
-    assert border is not None and joint is not None
-    status = np.where(
-        border.status == Status.OK, Status.OK, np.where(joint.status == Status.OK, Status.OK, Status.FALLBACK)
-    )
-    by_border = border.status == Status.OK
+    border, joint, owner = fitted.border, fitted.joint, fitted.owner
+    assert border is not None and joint is not None and owner is not None
+    by_border, by_joint = border.status == Status.OK, joint.status == Status.OK
+    status = np.where(by_border | by_joint, Status.OK, Status.FALLBACK).astype(np.int8)
+    # A surface in several panels is as weak as its weakest one that is seen.
+    num = stage.surfaces.num_surfaces
+    worst = np.full(num, Status.NO_DATA, np.int8)
+    rank, condition, residual_ = np.zeros(num, np.int32), np.full(num, np.inf), np.zeros(num)
+    for s in range(num):
+        seen = np.unique(owner[stage.surface == s])
+        if len(seen):
+            worst[s] = status[seen].max()
+            rank[s] = np.where(by_border, border.rank, joint.rank)[seen].min()
+            condition[s] = np.where(by_border, border.condition, joint.condition)[seen].max()
+            residual_[s] = border.residual[seen].max()
     return Health(
         "surface",
-        status.astype(np.int8),
-        np.where(by_border, border.rank, joint.rank).astype(np.int32),
-        np.where(by_border, border.condition, joint.condition).astype(np.float32),
-        border.residual.astype(np.float32),
+        worst,
+        rank,
+        condition.astype(np.float32),
+        residual_.astype(np.float32),
         fallback="the albedo that the photographs have without indirect light",
     )
 
@@ -119,8 +128,10 @@ def _warnings(stage: Stage, observed: Observations, fitted: Fitted) -> tuple[str
         lines.append(
             f"training photographs {which} disagree with all others: something unmodelled blocks or adds light"
         )
-    weak = [stage.surfaces.names[s] for s, word in enumerate(fitted.scale_words) if word == "prior"]
-    weak = [name for s, name in enumerate(stage.surfaces.names) if name in weak and (stage.surface == s).any()]
+    guessed = np.array([word == "prior" for word in fitted.scale_words], bool)[fitted.owner] & stage.is_matte
+    counts = np.bincount(stage.surface[guessed], minlength=stage.surfaces.num_surfaces)
+    whole = np.bincount(stage.surface, minlength=stage.surfaces.num_surfaces)
+    weak = [name for s, name in enumerate(stage.surfaces.names) if counts[s] > 0.5 * whole[s] > 0]
     if weak:
         lines.append(f"no shadow border crosses {', '.join(weak)}: albedo and indirect light are told apart by a prior")
     if fitted.design is not None and not fitted.design.has_ambient:
@@ -182,8 +193,11 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
         return model
     misfit, seen = _misfit(stage, observed, model, view)
     misfit, seen = misfit[bright], seen[bright]
+    # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
+    is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
+    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
     anchors = np.array([_mean_direction(each) for each in observed.lights if each])
-    known = (observed.weight > 0)[bright]
+    known = (observed.weight > 0)[bright] & is_sane
     slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
     # What is carried over is for a light of strength 1, as the frames multiply it again by a lamp's own.
     strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)

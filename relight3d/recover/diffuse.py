@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float32, Float64, Int32
+from scipy.sparse.csgraph import connected_components
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
 from relight3d.maths.least_squares import Solution, Status, robust_scale, robust_weights, weighted_median
-from relight3d.records import Observations, ShadingPoints
+from relight3d.maths.topology import face_adjacency
+from relight3d.records import Observations, PatchMesh, ShadingPoints
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class DiffuseOptions:
     """Which pairs speak for the reflectance, and when they are believed."""
 
     pair_px: tuple[int, ...] = (4, 6, 9)  # distances between the two pixels of a pair
-    max_normal_deg: float = 6.0  # between the two normals
+    max_normal_deg: float = 12.0  # between the two normals
     min_contrast: float = 0.15  # of the direct form across the border, relative to the photograph's largest
     min_pairs: int = 40  # fewer pairs than this do not decide a surface
     max_scatter: float = 0.5  # nor do ratios that scatter by more than this part of their median
@@ -74,6 +76,20 @@ def border_pairs(
             dark = np.where(lit[a_], b_, a_)
             found.append(np.stack([np.full(len(bright), photo, np.int32), bright, dark], axis=1))
     return np.concatenate(found).astype(np.int32) if found else np.zeros((0, 3), np.int32)
+
+
+def panels_of(mesh: PatchMesh, surface_of_face: Int32[np.ndarray, " face"], crease_deg: float = 25.0) -> np.ndarray:
+    """The smooth pieces of each surface, per face: a box's six sides. Where an albedo is kept per pixel its scale is found
+    per piece, since what two pieces differ by may be their indirect light as well as their texture.
+    """
+    faces = mesh.welded_vertex[mesh.faces].astype(np.int64)
+    pairs = face_adjacency(faces.astype(np.int32))
+    a, b = pairs[:, 0], pairs[:, 1]
+    smooth = np.einsum("ni,ni->n", mesh.face_normals[a], mesh.face_normals[b]) > np.cos(np.radians(crease_deg))
+    smooth &= surface_of_face[a] == surface_of_face[b]
+    num = len(faces)
+    graph = sp.csr_matrix((np.ones(int(smooth.sum())), (a[smooth], b[smooth])), shape=(num, num))
+    return connected_components(graph, directed=False)[1].astype(np.int32)
 
 
 def border_albedo(
@@ -229,7 +245,7 @@ def upper_bound(
             continue
         light = np.broadcast_to(direct[:, mine], (len(direct), len(mine), 3))
         bright = (weight[:, mine, None] > 0) & observed.is_lit[:, mine, None] & (light > 0.4 * light.max(axis=0))
-        ratio = np.where(bright, np.pi * target[:, mine] / np.maximum(light * texture[mine], 1e-9), np.inf)
+        ratio = np.where(bright, np.pi * target[:, mine] / np.maximum(light * texture[mine], 1e-30), np.inf)
         count = bright.sum(axis=0)
         low = np.take_along_axis(np.sort(ratio, axis=0), (count // 6)[None], axis=0)[0]
         for c in range(3):

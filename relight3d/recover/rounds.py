@@ -36,6 +36,7 @@ class Stage:
     points: ShadingPoints
     surfaces: Surfaces
     surface: np.ndarray  # of each point
+    panel_of_face: np.ndarray  # smooth pieces of surfaces
     is_matte: np.ndarray  # point: not on a mirror
     hear: object  # sites hear their own points
     gather: object  # and their neighbours' too
@@ -71,6 +72,7 @@ class Fitted:
     solution: Solution | None = None
     border: Solution | None = None
     joint: Solution | None = None
+    owner: np.ndarray | None = None  # point: whose scale it has, a surface's or a panel's
     lobe_fits: tuple = ()
     trust: np.ndarray | None = None  # photo x point: robust weights
     blocked: tuple[int, ...] = ()  # photographs that an unmodelled blocker or lamp spoils
@@ -106,6 +108,7 @@ def set_stage(
         points=points,
         surfaces=surfaces,
         surface=surface,
+        panel_of_face=diffuse.panels_of(mesh, surfaces.surface_of_face),
         is_matte=is_matte,
         hear=heard,
         gather=indirect.spread_over_neighbours(mesh, heard, site, options.indirect.smoothing_px),
@@ -150,20 +153,25 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         albedo, information = diffuse.pixel_albedo(
             observed, target, weight, direct, None if first and step == 0 else fitted.irradiance
         )
-        mean = surface_medians(albedo, information * _edge_trust(observed), stage.surface, num)
+        information = information * _edge_trust(observed)
+        mean = surface_medians(albedo, information, stage.surface, num)
+        if first and step == 0:
+            fitted = replace(fitted, is_textured=_neighbours_differ(stage, observed, albedo, num))
         if step == (steps - 1 if first else 0):
             # Not before the indirect light is known: what it does to a pixel looks like texture.
             fitted = _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
+        owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
+        mean = surface_medians(albedo, information, owner, num_owners)
         # A pixel that was lit faintly, or only grazed, leans on its surface's mean.
         faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
         known = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
-        relative = (1.0 + known * (albedo / np.maximum(mean[stage.surface], 1e-6) - 1.0)).astype(np.float32)
-        border = diffuse.border_albedo(pairs, observed, target, direct, relative, stage.surface, num, options.diffuse)
-        if step in (0, steps - 1):
-            joint = _joint(stage, observed, target, weight, direct, relative)
-            bound = diffuse.upper_bound(observed, target, weight, direct, relative, stage.surface, num)
+        relative = (1.0 + known * (albedo / np.maximum(mean[owner], 1e-6) - 1.0)).astype(np.float32)
+        border = diffuse.border_albedo(pairs, observed, target, direct, relative, owner, num_owners, options.diffuse)
+        joint = _joint(stage, observed, target, weight, direct, relative, site_owner, num_owners)
+        bound = diffuse.upper_bound(observed, target, weight, direct, relative, owner, num_owners)
         scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
-        albedo = (relative * scale[stage.surface]).astype(np.float32)
+        # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
+        albedo = np.minimum(relative * scale[owner], np.maximum(1.0, 2.0 * scale[owner])).astype(np.float32)
         sums = indirect.gather(stage.gather, weight * calm, albedo, target, direct)
         lit = fitted.design or indirect.choose_basis(
             sums, observed, indirect.site_positions(stage.mesh, stage.points, options.indirect.site), stage.anchors,
@@ -174,7 +182,8 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         irradiance = np.stack([stage.spread @ at_sites[:, photo] for photo in range(at_sites.shape[1])])
         trust, blocked = trust_of(stage, observed, albedo, direct, irradiance, target)
         fitted = replace(
-            fitted, albedo=albedo, surface_albedo=scale, irradiance=irradiance, design=lit, solution=solution,
+            fitted, albedo=albedo, surface_albedo=surface_medians(albedo, information, stage.surface, num),
+            owner=owner, irradiance=irradiance, design=lit, solution=solution,
             border=border, joint=joint, trust=trust, blocked=blocked, scale_words=words,
         )  # fmt: skip
         weight = diffuse_weights(stage, observed, fitted)
@@ -241,15 +250,19 @@ def _edge_trust(observed: Observations) -> np.ndarray:
 
 
 def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
-    """The median albedo of each surface by what its points have to say; 0 for a surface that nobody sees.
+    """The median albedo of each surface by what its points have to say.
 
-    By information, since a point that the light grazes turns any indirect light into albedo.
+    By information, since a point that the light grazes turns any indirect light into albedo. A surface that no light
+    reaches has the mean of the others, and a half where none is reached.
     """
-    out = np.zeros((num, 3))
+    out = np.full((num, 3), np.nan)
     for s in range(num):
         mine = np.flatnonzero(surface == s)
-        out[s] = [weighted_median(albedo[mine, c], information[mine, c].astype(np.float64)) for c in range(3)]
-    return out
+        if (information[mine] > 0).any():
+            out[s] = [weighted_median(albedo[mine, c], information[mine, c].astype(np.float64)) for c in range(3)]
+    is_known = np.isfinite(out[:, :1])
+    others = out[is_known[:, 0]].mean(axis=0) if is_known.any() else np.full(3, 0.5)
+    return np.where(is_known, out, others)
 
 
 def _neighbours_differ(stage: Stage, observed: Observations, albedo: np.ndarray, num: int) -> np.ndarray:
@@ -284,26 +297,31 @@ def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted
     return replace(fitted, is_textured=kept, texture_shows=shows, evidence=evidence)
 
 
-def _joint(stage: Stage, observed: Observations, target, weight, direct, relative) -> Solution:
+def _joint(stage: Stage, observed, target, weight, direct, relative, site_owner, num_owners: int) -> Solution:
     """Reflectance and indirect light at once, for surfaces that no shadow border crosses."""
     basis = "linear" if len(observed.lights) >= 6 else "constant"
     nowhere = np.zeros((1, 3), np.float32)
     lit = indirect.design(basis, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect)
     return diffuse.joint_albedo(
-        stage.hear, _site_surface(stage), stage.surfaces.num_surfaces, relative, target,
-        (weight * observed.is_facing).astype(np.float32), direct, lit.rows[0, :, 0],
+        stage.hear, site_owner, num_owners, relative, target, (weight * observed.is_facing).astype(np.float32), direct,
+        lit.rows[0, :, 0],
     )  # fmt: skip
 
 
-def _site_surface(stage: Stage) -> np.ndarray:
-    site = stage.options.indirect.site
+def _owners(stage: Stage, is_textured: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Whose albedo scale each point and each site has: its surface's, or its panel's where the surface is textured."""
+    surface = stage.surfaces.surface_of_face
+    of_face = np.where(is_textured[surface], stage.surfaces.num_surfaces + stage.panel_of_face, surface)
+    ids, of_face = np.unique(of_face, return_inverse=True)
+    of_face = of_face.ravel().astype(np.int32)
+    site, owner = stage.options.indirect.site, of_face[stage.points.face]
     if site == "pixel":
-        return stage.surface
+        return owner, owner, len(ids)
     if site == "face":
-        return stage.surfaces.surface_of_face
-    owner = np.zeros(len(stage.mesh.vertices), np.int32)
-    owner[stage.mesh.faces.ravel()] = np.repeat(stage.surfaces.surface_of_face, 3)
-    return owner
+        return owner, of_face, len(ids)
+    at_vertex = np.zeros(len(stage.mesh.vertices), np.int32)
+    at_vertex[stage.mesh.faces.ravel()] = np.repeat(of_face, 3)
+    return owner, at_vertex, len(ids)
 
 
 def trust_of(stage: Stage, observed, albedo, direct, irradiance, target) -> tuple[np.ndarray, tuple[int, ...]]:
