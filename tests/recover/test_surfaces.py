@@ -13,6 +13,7 @@ from relight3d.errors import InputError
 from relight3d.evaluate import shapes
 from relight3d.io.capture import load_capture, read_photograph
 from relight3d.io.images import read_image
+from relight3d.maths import topology
 from relight3d.records import PatchMesh, ShadingPoints, TriangleMesh
 from relight3d.recover import surfaces
 from relight3d.recover.diffuse import pixel_albedo
@@ -206,6 +207,33 @@ def test_pieces_that_do_not_touch_are_surfaces_of_their_own():
     assert found.num_surfaces == 2
     centre = view("two").mesh.vertices[view("two").mesh.faces].mean(axis=1)
     assert agreement((centre[:, 0] > 0).astype(int), found.surface_of_face) == 1.0
+
+
+@pytest.mark.parametrize(("is_split", "cuts"), [(True, True), (False, False)])
+def test_a_shallow_edge_cuts_where_the_vertex_normals_say_so(is_split, cuts):
+    ridge = np.array([[0, 0, 0], [0, 1, 0], [1, 0, -0.25], [0, 0, 0], [0, 1, 0], [-1, 0, -0.25]], np.float64)
+    sides = np.array([[0.243, 0, 0.97], [-0.243, 0, 0.97]]) if is_split else np.tile([0, 0, 1.0], (2, 1))
+    faces = np.array([[0, 2, 1], [3, 4, 5]], np.int32)
+    roof = TriangleMesh(ridge, faces, np.repeat(sides, 3, axis=0).astype(np.float32))
+    mesh = prepare_mesh(roof, MeshOptions(target_faces=0))
+    edges = topology.shared_edges(mesh.welded_vertex[mesh.faces])
+    np.testing.assert_array_equal(surfaces.creases(mesh, edges, SurfaceOptions()), [cuts])
+    assert surfaces.creases(mesh, edges, SurfaceOptions(crease_deg=20.0)).all(), "28 degrees are sharp enough then"
+
+
+def test_the_creases_of_a_rough_scan_are_noise():
+    smooth = shapes.sphere(1.0, 32)
+    jitter = np.random.default_rng(0).normal(0, 0.03, smooth.vertices.shape)[topology.weld(smooth.vertices, 1e-6)]
+    rough = TriangleMesh(
+        (smooth.vertices + jitter)[smooth.faces].reshape(-1, 3),
+        np.arange(smooth.faces.size).reshape(-1, 3).astype(np.int32),
+    )
+    patches = prepare_mesh(rough, MeshOptions(target_faces=0))
+    edges = topology.shared_edges(patches.welded_vertex[patches.faces])
+    assert surfaces.creases(patches, edges, SurfaceOptions()).mean() > 0.1
+    scan = View(patches, view("ball").camera, points_seen(ray_scene(patches), patches, view("ball").camera))
+    found = scan.seen(scan.divide(PRINTS["plain"]))
+    assert np.bincount(found).max() > 0.97 * len(found)
 
 
 @pytest.mark.parametrize("name", ["hue", "cap"])
