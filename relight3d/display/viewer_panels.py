@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from relight3d.display.effects import PRESETS, effect_line
 from relight3d.display.health_layers import extrapolation_note
 from relight3d.display.light_dome import dome_picture
-from relight3d.display.open3d_modules import gui, open3d
+from relight3d.display.open3d_modules import gui
 from relight3d.display.pixel_figure import chart_height, chart_of
 from relight3d.display.viewer_state import ViewerState, title_of
-from relight3d.display.viewer_widgets import Slider, button, row
+from relight3d.display.viewer_widgets import Picture, Slider, button, row
 
 _DISC = 210  # pixels
 
@@ -22,6 +20,7 @@ class Panel:
 
     def __init__(self, state: ViewerState, changed: Callable[[], None], em: float) -> None:
         self.state, self.changed, self.em = state, changed, em
+        self.pictures: list[Picture] = []
         self.widget = gui.CollapsableVert(self.title, 0.35 * em, gui.Margins(0.3 * em, 0.2 * em, 0, 0.5 * em))
         for child in self.build():
             self.widget.add_child(child)
@@ -54,8 +53,9 @@ class LightPanel(Panel):
         self.distance = Slider(
             0.2 * radius, 6.0 * radius, 2.0 * radius, lambda value: self._set(self.state.rack.set_distance(value))
         )
-        self.disc = gui.ImageWidget(open3d.geometry.Image(np.zeros((_DISC, _DISC, 3), np.uint8)))
-        self.disc.set_on_mouse(self._on_disc)
+        self.disc = Picture(_DISC, _DISC)
+        self.disc.widget.set_on_mouse(self._on_disc)
+        self.pictures = [self.disc]
         self.note = gui.Label("")
         self._names: list[str] = []
         add_sun = button("+ directional", lambda: self._set(self.state.rack.add("directional")))
@@ -64,7 +64,7 @@ class LightPanel(Panel):
         return [
             row(self.em, self.menu, self.switch),
             row(self.em, add_sun, add_lamp, remove),
-            row(self.em, self.disc),
+            row(self.em, self.disc.widget),
             self.color,
             row(self.em, gui.Label("strength"), self.strength.widget),
             row(self.em, gui.Label("distance"), self.distance.widget),
@@ -87,8 +87,7 @@ class LightPanel(Panel):
             self.distance.show(rack.dome.distance_of(rack.current.base))
         self.distance.widget.enabled = rack.has_distance
         known = [rack.dome.direction_of(light) for lights in self.state.model.lights for light in lights]
-        picture = dome_picture(rack.dome, rack.shown, rack.selected, known, _DISC)
-        self.disc.update_image(open3d.geometry.Image(np.ascontiguousarray(picture)))
+        self.disc.show(dome_picture(rack.dome, rack.shown, rack.selected, known, _DISC))
         self.note.text = extrapolation_note(self.state.model, rack.active).partition(",")[0]
 
     def _set(self, rack) -> None:
@@ -96,7 +95,7 @@ class LightPanel(Panel):
         self.changed()
 
     def _on_disc(self, event) -> object:
-        kind, frame = gui.MouseEvent.Type, self.disc.frame
+        kind, frame = gui.MouseEvent.Type, self.disc.widget.frame
         half = min(frame.width, frame.height) / 2
         x = (event.x - frame.x - frame.width / 2) / (half - 8)
         y = -(event.y - frame.y - frame.height / 2) / (half - 8)
@@ -230,19 +229,18 @@ class PixelPanel(Panel):
     title = "Pixel"
 
     def build(self) -> list:
-        # Open3D keeps the room that an image takes at first.
         self._width = int(20 * self.em)
-        empty = np.full((chart_height(self._width), self._width, 3), 45, np.uint8)
-        self.chart = gui.ImageWidget(open3d.geometry.Image(empty))
+        self.chart = Picture(self._width, chart_height(self._width))
+        self.pictures = [self.chart]
         self.text = gui.Label("click into the picture")
         self._shown = None
-        return [self.chart, self.text]
+        return [self.chart.widget, self.text]
 
     def refresh(self) -> None:
         report = self.state.pixel
         if report is None:
             self.text.text = self.state.message or "click into the picture"
         elif report is not self._shown:
-            self.chart.update_image(open3d.geometry.Image(np.ascontiguousarray(chart_of(report, self._width))))
+            self.chart.show(chart_of(report, self._width))
             self.text.text = "\n".join(f"{word}: {text}" for word, text in report.parameters)
         self._shown = report

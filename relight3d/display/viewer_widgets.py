@@ -3,7 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-from relight3d.display.open3d_modules import gui
+import numpy as np
+from jaxtyping import UInt8
+
+from relight3d.display.open3d_modules import gui, open3d
 
 
 def row(em: float, *children) -> Any:
@@ -46,3 +49,26 @@ def button(text: str, on_click: Callable[[], None]) -> Any:
     button.vertical_padding_em = 0.1
     button.set_on_clicked(on_click)
     return button
+
+
+class Picture:
+    """An image that is sure to be shown.
+
+    Open3D loses an upload that meets a drawing, and the image before stays, even that of an earlier window; so it is
+    sent again a few times (`send`). Open3D also keeps the room that an image takes at first.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._image = _image(np.full((height, width, 3), 45, np.uint8))
+        self.widget = gui.ImageWidget(self._image)
+
+    def show(self, pixels: UInt8[np.ndarray, "rows columns 3"]) -> None:
+        self._image = _image(pixels)
+        self.send()
+
+    def send(self) -> None:
+        self.widget.update_image(self._image)
+
+
+def _image(pixels: np.ndarray) -> Any:
+    return open3d.geometry.Image(np.ascontiguousarray(pixels))

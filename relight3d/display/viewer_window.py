@@ -8,6 +8,7 @@ from relight3d.display.frames import opencv_camera
 from relight3d.display.open3d_modules import gui, open3d, rendering
 from relight3d.display.viewer_panels import EffectPanel, LayerPanel, LightPanel, PixelPanel, SpeedPanel, ViewPanel
 from relight3d.display.viewer_state import ViewerState
+from relight3d.display.viewer_widgets import Picture
 
 TABS = {"Lights": (LightPanel, ViewPanel), "Effects": (SpeedPanel, EffectPanel), "Inspect": (LayerPanel, PixelPanel)}
 _INSPECT = 2  # the tab that a click into the picture opens
@@ -15,7 +16,7 @@ _PANEL_EM = 24  # width of the panel, in heights of its letters
 _STILL_SECONDS = 0.25  # after so long without a move the picture is made pixel by pixel
 _CLICK_PX = 4  # a press that moves less than this is a click
 _KNOB_PX = 14
-_REDRAWS = 3  # a window that is drawn just then shows the image before: once more is needed, at times twice
+_REDRAWS = 3  # after each new picture, in which it is sent again
 
 
 class ViewerWindow:
@@ -26,7 +27,7 @@ class ViewerWindow:
         self.app = gui.Application.instance
         self.app.initialize()
         self.window = self.app.create_window(title, width, height)
-        self.image = gui.ImageWidget(open3d.geometry.Image(np.zeros((8, 8, 3), np.uint8)))
+        self.image = Picture(8, 8)
         self.mesh = gui.SceneWidget()
         self.mesh.scene = rendering.Open3DScene(self.window.renderer)
         self.mesh.scene.set_background([0.106, 0.114, 0.129, 1.0])
@@ -48,9 +49,10 @@ class ViewerWindow:
         self.panel.add_child(self.tabs)
         self.tabs.set_on_selected_tab_changed(self.open_tab)
         self.open_tab(0)
-        for widget in (self.image, self.mesh, self.panel):
+        self.pictures = [self.image, *(picture for part in self.parts for picture in part.pictures)]
+        for widget in (self.image.widget, self.mesh, self.panel):
             self.window.add_child(widget)
-        for widget in (self.image, self.mesh):
+        for widget in (self.image.widget, self.mesh):
             widget.set_on_mouse(self._on_mouse)
         self.window.set_on_layout(self._on_layout)
         self.window.set_on_tick_event(self._on_tick)
@@ -88,9 +90,9 @@ class ViewerWindow:
     def _on_layout(self, context) -> None:
         area = self.window.content_rect
         side = _PANEL_EM * self.window.theme.font_size
-        self.image.frame = gui.Rect(area.x, area.y, max(area.width - side, 1), area.height)
+        self.image.widget.frame = gui.Rect(area.x, area.y, max(area.width - side, 1), area.height)
         self.panel.frame = gui.Rect(area.get_right() - side, area.y, side, area.height)
-        size = (self.image.frame.width, self.image.frame.height)
+        size = (self.image.widget.frame.width, self.image.widget.frame.height)
         self._is_stale |= size != self._laid_out_for
         self._laid_out_for = size
 
@@ -106,6 +108,8 @@ class ViewerWindow:
             return True
         if self._num_redraws > 0:
             self._num_redraws -= 1
+            for shown in self.pictures:
+                shown.send()
             return True
         if not self._is_idle:
             # What costs as much as a frame waits until nothing else is due, and is done piece by piece.
@@ -117,10 +121,10 @@ class ViewerWindow:
         return False
 
     def _show_picture(self) -> None:
-        area = self.image.frame
+        area = self.image.widget.frame
         picture, box = self.state.display(max(area.width, 1), max(area.height, 1))
         self._box = (box[0] + area.x, box[1] + area.y, box[2], box[3])
-        self.image.update_image(open3d.geometry.Image(np.ascontiguousarray(picture)))
+        self.image.show(picture)
         self._is_stale, self._num_redraws = False, _REDRAWS
         self.status.text = self.state.cost_lines()[0]
         for part in self.parts:
@@ -193,7 +197,7 @@ class ViewerWindow:
         if not self.mesh.visible:
             self._color_mesh()
             self.mesh.frame = gui.Rect(*self._box)
-            self.mesh.visible, self.image.visible = True, False
+            self.mesh.visible, self.image.widget.visible = True, False
         intrinsics, pose, (near, far) = opencv_camera(self.state.camera, self.state.model.mesh)
         _, _, width, height = self._box
         scale = np.array([[width / self.state.camera.width], [height / self.state.camera.height], [1.0]])
@@ -222,5 +226,5 @@ class ViewerWindow:
         self.mesh.scene.add_geometry("mesh", mesh, material)
 
     def _stand_still(self) -> None:
-        self.mesh.visible, self.image.visible = False, True
+        self.mesh.visible, self.image.widget.visible = False, True
         self.changed()

@@ -67,7 +67,7 @@ class Driver:
 
     def shows_picture(self) -> bool:
         """Whether the screen shows what the state says, pixel by pixel but for a rounding of the widgets' scaling."""
-        area = self.window.image.frame
+        area = self.window.image.widget.frame
         wanted, _ = self.state.display(max(area.width, 1), max(area.height, 1))
         shown = read_screen(FRAMEBUFFER)[area.y : area.y + area.height, area.x : area.x + area.width]
         return shown.shape == wanted.shape and np.mean(np.abs(shown.astype(int) - wanted)) < 0.5
@@ -131,7 +131,7 @@ def add_a_lamp(driver: Driver) -> None:
     driver.wait(driver.shows_picture)
     driver.ticks(20)
     np.testing.assert_array_equal(state.rack.active[-1].position, lamp.position)
-    frame = panel.disc.frame
+    frame = panel.disc.widget.frame
     middle = (frame.x + frame.width / 2, frame.y + frame.height / 2)
     driver.click_and_pull(middle, (middle[0] + 40, middle[1] - 20))
     half = min(frame.width, frame.height) / 2 - 8
