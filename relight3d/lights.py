@@ -63,7 +63,7 @@ class DirectionalLight:
         )
 
     def to_dict(self) -> dict:
-        return {"type": self.kind, "to_light": list(self.to_light), "irradiance": list(self.irradiance)}
+        return {"type": self.kind, "to_light": list(self.to_light), "irradiance": self.power.tolist()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class PointLight:
         return 1.0
 
     def to_dict(self) -> dict:
-        return {"type": self.kind, "position": list(self.position), "intensity": list(self.intensity)}
+        return {"type": self.kind, "position": list(self.position), "intensity": self.power.tolist()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ recovery and the engine are centred: the mesh's middle is the origin (`PatchMesh
 so that float32 keeps its digits for a mesh a million metres away.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -426,9 +426,11 @@ class Frame:
     is_hit: Bool[np.ndarray, "height width"]
     exposure: float  # the capture's: multiply, clip and encode to show
     stats: Stats
-    _terms: object = None  # computed when asked for, since a live viewer seldom asks
+    _terms: "Terms | Callable[[], Terms] | None" = None  # computed when asked for, since a live viewer seldom asks
 
     @property
     def terms(self) -> Terms:
         """direct, specular, indirect and mirror radiance; they add up to `radiance`."""
-        return self._terms() if callable(self._terms) else self._terms
+        found = self._terms() if callable(self._terms) else self._terms
+        assert found is not None, "a frame is made with its terms, or with the way to them"
+        return found

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
 
 from relight3d.camera import Camera
-from relight3d.lights import FAR, Light
+from relight3d.lights import FAR, DirectionalLight, Light, RectangleSample, SpotLight
 from relight3d.maths.lafortune import lobe_base, power
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import Indirect, Lighting, Lobe, Mirror, PatchMesh, Residual, ShadingPoints
@@ -198,11 +198,13 @@ def mirrored_light(light: Light, mirror: Mirror) -> Light:
 
     n = mirror.normal
     flip = np.eye(3) - 2 * np.outer(n, n)
-    if light.kind == "directional":
+    if isinstance(light, DirectionalLight):
         return replace(light, to_light=tuple(flip @ np.asarray(light.to_light)))
     place = np.asarray(light.position) - 2 * ((np.asarray(light.position) - mirror.point) @ n) * n
-    if light.kind == "spot":
+    if isinstance(light, SpotLight):
         return light.moved(position=tuple(place), direction=tuple(flip @ np.asarray(light.direction)))
+    if isinstance(light, RectangleSample):
+        return replace(light, position=tuple(place), normal=tuple(flip @ np.asarray(light.normal)))
     return replace(light, position=tuple(place))
 
 
@@ -240,7 +242,7 @@ def light_strength(
     know the surface's cosine; within `softening` it stops growing, as the light that other surfaces send does.
     """
     to_light, _, distance = light.incident(sites)
-    if light.kind == "directional":
+    if isinstance(light, DirectionalLight):
         return to_light, np.ones(len(sites), sites.dtype)
     # A spot lights a part of the scene: what others send on is scaled by the part, wherever the site lies.
     part = float(np.mean(light.cone(to_light)))

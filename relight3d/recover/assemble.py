@@ -218,7 +218,9 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
 
 def _mean_direction(lights: tuple) -> np.ndarray:
     """Where a photograph's light comes from, seen from the scene's middle; of several, by power."""
-    total = sum(light.incident(np.zeros((1, 3)))[0][0] * float(light.power.sum()) for light in lights)
+    total = np.zeros(3)
+    for light in lights:
+        total = total + light.incident(np.zeros((1, 3)))[0][0] * float(light.power.sum())
     return total / max(float(np.linalg.norm(total)), 1e-12)
 
 

@@ -228,7 +228,7 @@ def predict(solution: Solution, lit: LightDesign) -> Float32[np.ndarray, "site p
 
 
 def left_out_error(sums: SiteSums, lit: LightDesign) -> float:
-    """Mean squared leave-one-photograph-out error, per unit of weight, over a sample of sites (PRESS, exact for linear fits)."""
+    """Mean squared leave-one-photograph-out error, per unit of weight, over a sample of sites (PRESS: exact)."""
     take = np.linspace(0, len(sums.weight) - 1, min(4000, len(sums.weight))).astype(int)
     weight, moment = sums.weight[take], sums.moment[take]
     squared = total = 0.0
@@ -343,7 +343,7 @@ def light_anchors(observed: Observations) -> Float64[np.ndarray, "light 3"]:
 
 
 def _spacing(anchors: np.ndarray) -> float:
-    """How far a light may be from the photographed ones and still count as between them: the usual gap, at least 10 degrees."""
+    """How far a light may be from the photographed ones and count as between them: the usual gap, or 10 degrees."""
     if len(anchors) < 2:
         return float(np.radians(10))
     cosine = np.clip(anchors @ anchors.T, -1, 1)

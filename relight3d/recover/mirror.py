@@ -123,7 +123,8 @@ def _correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _image(camera: Camera, pixel: np.ndarray, values: np.ndarray | bool, empty: object) -> np.ndarray:
-    values = np.broadcast_to(values, pixel.shape) if np.ndim(values) == 0 else values
+    values = np.asarray(values)
+    values = np.broadcast_to(values, pixel.shape) if values.ndim == 0 else values
     out = np.full((camera.num_pixels, *values.shape[1:]), empty, dtype=values.dtype)
     out[pixel] = values
     return out.reshape(camera.height, camera.width, *values.shape[1:])

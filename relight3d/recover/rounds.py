@@ -281,7 +281,13 @@ def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted
     if fitted.specular is not None:
         glare = glare | (fitted.specular.mean(axis=2) > 0.05 * np.abs(target).mean(axis=2))
     measured = texture.difference_measure(
-        replace(observed, radiance=target, is_highlight=glare), stage.points, stage.surface, albedo, stage.camera, len(mean), options
+        replace(observed, radiance=target, is_highlight=glare),
+        stage.points,
+        stage.surface,
+        albedo,
+        stage.camera,
+        len(mean),
+        options,
     )
     # What a lobe leaves unexplained differs between neighbours as well: a gloss must differ by twice as much.
     strict = replace(options, min_difference=2 * options.min_difference)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int32
-from scipy.ndimage import distance_transform_edt
 from skimage.segmentation import slic
 
 from relight3d.camera import Camera
@@ -250,13 +249,7 @@ def color_patches(
     """Compact patches of like colour and normal in the picture (SLIC superpixels)."""
     picture = np.zeros((camera.num_pixels, 6), np.float32)
     picture[points.pixel] = np.concatenate([colors / options.floor, points.normal / 0.25], axis=1)
-    is_empty = np.ones(camera.num_pixels, bool)
-    is_empty[points.pixel] = False
-    # Pixels without a point look like the nearest that has one: a speck without light must not be a patch's border.
-    nearest = distance_transform_edt(
-        is_empty.reshape(camera.height, camera.width), return_distances=False, return_indices=True
-    )
-    picture = picture.reshape(camera.height, camera.width, 6)[tuple(nearest)]
+    picture = picture.reshape(camera.height, camera.width, 6)
     # slic brings the picture to 0 .. 1 first; undone, so that one scatter of colour counts as one patch's width.
     compactness = 1.0 / max(float(np.ptp(picture)), 1e-6)
     number = max(1, camera.num_pixels // options.patch_px)

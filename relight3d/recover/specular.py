@@ -106,7 +106,7 @@ def fit_lobes(
     )
     # A lobe whose peak no photograph comes near would be an extrapolation: it explains a misfit by its foot, and blazes
     # under a light that nobody has tried.
-    is_seen = _seen_at_peak(shapes)
+    is_seen = _seen_at_peak(shapes, _peaks(samples, atoms, tangent))
     parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
     whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
     systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
@@ -141,7 +141,8 @@ def fit_lobes(
     thin = np.arange(0, len(samples.photo), max(1, len(samples.photo) // REFINED_SAMPLES))
     refined, last = _refined(samples.take(thin), white, tangent, kept)
     # The shapes may walk away from what is seen; then those of the dictionary stand.
-    if _seen_at_peak(np.stack([_shape(samples, kind, x, tangent) for kind, x in refined])).all():
+    values = np.stack([_shape(samples, kind, x, tangent) for kind, x in refined])
+    if _seen_at_peak(values, _peaks(samples, refined, tangent)).all():
         kept = refined
     lobes = tuple(_lobe(kind, parameters, tangent) for kind, parameters in kept)
     return _within_energy(lobes), last, float(10 * np.log10(max(none, 1e-30) / max(best_error, 1e-30)))
@@ -195,9 +196,22 @@ def _shape(samples: LobeSamples, kind: str, x: np.ndarray, tangent: np.ndarray) 
     return lobe_brdf((_lobe(kind, one, tangent),), samples.normal, samples.to_light, samples.to_viewer)[:, 0]
 
 
-def _seen_at_peak(shapes: np.ndarray) -> np.ndarray:
-    """For each row of shares of a peak, whether enough samples come near it."""
-    return np.sort(shapes, axis=1)[:, -MIN_NEAR_PEAK] >= PEAK_SHARE
+def _peaks(samples: LobeSamples, lobes: list[tuple[str, np.ndarray]], tangent: np.ndarray) -> np.ndarray:
+    """The most that each lobe can send to each sample's viewer, under the light that suits it best: |C v| ** n."""
+    v_z = np.clip(np.einsum("si,si->s", samples.normal, samples.to_viewer), 0.0, 1.0)
+    rows = []
+    for kind, x in lobes:
+        one = _lobe(kind, x, tangent)
+        across = np.abs(one.axes[:2]).max()
+        length = np.sqrt(across**2 * (1 - v_z**2) + one.axes[2] ** 2 * v_z**2)
+        rows.append(np.maximum(length, 1e-6) ** one.exponent)
+    return np.stack(rows)
+
+
+def _seen_at_peak(shapes: np.ndarray, peaks: np.ndarray) -> np.ndarray:
+    """Whether enough samples come near each lobe's peak, as far as their viewers could see it."""
+    share = shapes / np.maximum(peaks, 1e-30)
+    return np.sort(share, axis=1)[:, -MIN_NEAR_PEAK] >= PEAK_SHARE
 
 
 def _promising(system: tuple, chosen: list[int], is_seen: np.ndarray, count: int) -> np.ndarray:
