@@ -3,6 +3,8 @@
 .DEFAULT_GOAL := demo
 
 PYTHON := .venv/bin/python
+# Two processes: most of the suite waits for one core at a time.
+PYTEST_ARGS ?= -n 2
 LOCK := requirements/lock.txt pyproject.toml tools/setup.sh tools/setup_system.sh
 
 # Nothing from outside the clone may be imported in relight3d's place.

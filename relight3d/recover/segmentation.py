@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int, Int32
+from scipy.ndimage import distance_transform_edt
 from skimage.segmentation import slic
 
 from relight3d.camera import Camera
@@ -24,7 +25,7 @@ class SegmentationOptions:
     chroma_scatter: float = 0.08  # of the log ratios of its colours
     same_material: float = 0.7  # Bhattacharyya distance below which two parts are one material
     gradual: float = 0.6  # of two parts' difference: less than this share of it at their border is shading
-    interleaving: float = 3.0  # colours within each other more than so many discs on a ground are one print
+    interleaving: float = 5.  # colours within each other more than so many discs on a ground are one print
     patch_px: int = 150  # pixels of a patch; less in a picture of fewer than a hundred such
     min_pixels: int = 24  # a smaller part is absorbed
     min_share: float = 0.02  # of its panel: so is a smaller part, if it has less than four patches
@@ -249,7 +250,13 @@ def color_patches(
     """Compact patches of like colour and normal in the picture (SLIC superpixels)."""
     picture = np.zeros((camera.num_pixels, 6), np.float32)
     picture[points.pixel] = np.concatenate([colors / options.floor, points.normal / 0.25], axis=1)
-    picture = picture.reshape(camera.height, camera.width, 6)
+    is_empty = np.ones(camera.num_pixels, bool)
+    is_empty[points.pixel] = False
+    # Pixels without a point look like the nearest that has one: a speck without light must not be a patch's border.
+    nearest = distance_transform_edt(
+        is_empty.reshape(camera.height, camera.width), return_distances=False, return_indices=True
+    )
+    picture = picture.reshape(camera.height, camera.width, 6)[tuple(nearest)]
     # slic brings the picture to 0 .. 1 first; undone, so that one scatter of colour counts as one patch's width.
     compactness = 1.0 / max(float(np.ptp(picture)), 1e-6)
     number = max(1, camera.num_pixels // options.patch_px)

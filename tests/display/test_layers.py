@@ -85,6 +85,10 @@ def test_the_normals_of_a_plane_are_one_colour(subject: Subject):
         assert len(np.unique(of_surface(subject, shown.image, "table"), axis=0)) == 1
         assert len(np.unique(of_surface(subject, shown.image, "sphere"), axis=0)) > 20
     assert shown.values is not None
+    camera = subject.model.camera
+    up = np.array([0.0, 0.0, 1.0]) @ camera.world_from_camera[:3, :3]  # of the table, in the camera's axes
+    assert up[1] > 0.3 and up[2] > 0.3  # seen from in front and above: green and blue
+    np.testing.assert_allclose(of_surface(subject, shown.values, "table")[0], up, atol=1e-5)
     lengths = np.linalg.norm(shown.values[desk_truth(mirror=True).is_hit], axis=-1)
     np.testing.assert_allclose(lengths, 1.0, atol=1e-5)  # float32 normals
 

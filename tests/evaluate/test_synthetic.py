@@ -97,7 +97,8 @@ def test_a_highlight_peaks_in_the_mirror_direction():
     # The lamp stands at the camera. The brightest pixel's centre is half a pixel off the axis, both ways, at cosine c:
     # color * (2 c^2 - 1)^60, times c, times the irradiance 4 / (2 / c)^2.
     squared = 1 / (1 + 0.5 / scene.camera.fx**2)
-    assert image.max() == pytest.approx(0.5 * (2 * squared - 1) ** 60 * squared**1.5, rel=1e-4)
+    # Rays pass 0.0017 px beside the centre (shading.NUDGE_PX), which the lobe's slope there makes 7e-4.
+    assert image.max() == pytest.approx(0.5 * (2 * squared - 1) ** 60 * squared**1.5, rel=1e-3)
 
 
 def test_interreflection_fills_a_corner_and_not_a_plane():

@@ -144,7 +144,7 @@ def test_two_materials_divide_a_ball_where_they_meet(name):
     first, second, where = MATERIALS[name]
     found = view("ball").divide(lambda place, _: either(where(place), first, second))
     truth = where(view("ball").points.position).astype(int)
-    assert found.num_surfaces == 2
+    assert found.num_surfaces == 2 and found.surface_of_face[0] == 0
     assert agreement(truth, view("ball").seen(found)) > 0.96  # a pixel or two along the border, where faces straddle it
 
 
@@ -202,6 +202,35 @@ def test_a_scanned_mirror_with_round_edges_is_not_cut_by_what_it_shows():
     assert shattered.max() < 0.95 * front.sum()
 
 
+def test_a_bent_mirror_between_creases_is_not_cut_either():
+    straight = slab()
+    bent = straight.vertices + (0.0, 0.08, 0.0) * straight.vertices[:, :1] ** 2
+    patches = prepare_mesh(TriangleMesh(bent, straight.faces), MeshOptions(target_faces=0))
+    mirror = View(patches, view("slab").camera, points_seen(ray_scene(patches), patches, view("slab").camera))
+    found = mirror.divide(lambda place, normal: either(normal[:, 1] < -0.9, shown(place), BLACK))
+    assert agreement((mirror.points.normal[:, 1] < -0.9).astype(int), mirror.seen(found)) > 0.99
+    cut = SurfaceOptions(parts=SegmentationOptions(flat_deg=1.0))
+    found = mirror.divide(lambda place, normal: either(normal[:, 1] < -0.9, shown(place), BLACK), options=cut)
+    assert agreement((mirror.points.normal[:, 1] < -0.9).astype(int), mirror.seen(found)) < 0.9
+
+
+def test_a_small_part_does_not_join_its_two_neighbours():
+    samples = np.random.default_rng(0).normal(0, 0.02, (2040, 3))
+    samples[1000:2000] += (0.0, 0.5, 0.0)
+    samples[2000:] += np.linspace(0, 0.5, 40)[:, None] * (0.0, 1.0, 0.0)
+    part = np.repeat(np.arange(3, dtype=np.int32), (1000, 1000, 40))
+    touching = np.repeat(np.array([[0, 2], [2, 1]], np.int32), 40, axis=0)
+    found = surfaces.merge_parts(part, part, samples, touching, SegmentationOptions())
+    assert found[0] != found[1] and found[2] in found[:2]
+
+
+def test_small_panels_of_a_piece_are_one():
+    panel = np.repeat(np.arange(4, dtype=np.int32), (200, 10, 20, 30))
+    piece = np.repeat(np.array([0, 1], np.int32), (230, 30))
+    found = surfaces.large_panels(panel, piece, SegmentationOptions())
+    assert len(np.unique(found[200:230])) == 1 and len(np.unique(found)) == 3
+
+
 def test_pieces_that_do_not_touch_are_surfaces_of_their_own():
     found = view("two").divide(PRINTS["plain"])
     assert found.num_surfaces == 2
@@ -219,6 +248,17 @@ def test_a_shallow_edge_cuts_where_the_vertex_normals_say_so(is_split, cuts):
     edges = topology.shared_edges(mesh.welded_vertex[mesh.faces])
     np.testing.assert_array_equal(surfaces.creases(mesh, edges, SurfaceOptions()), [cuts])
     assert surfaces.creases(mesh, edges, SurfaceOptions(crease_deg=20.0)).all(), "28 degrees are sharp enough then"
+    assert not surfaces.creases(mesh, edges, SurfaceOptions(split_normal_deg=40.0)).any()
+
+
+def test_a_sharp_edge_cuts_whatever_the_vertex_normals_say():
+    sharp = shapes.box(1.4, 1.4, 1.4, 10)
+    place = sharp.vertices / np.linalg.norm(sharp.vertices, axis=1, keepdims=True)
+    patches = prepare_mesh(replace(sharp, vertex_normals=place.astype(np.float32)), MeshOptions(target_faces=0))
+    edges = topology.shared_edges(patches.welded_vertex[patches.faces])
+    cuts = surfaces.creases(patches, edges, SurfaceOptions())
+    np.testing.assert_array_equal(cuts, topology.dihedral_angles(patches.face_normals, edges.pairs) > 1.0)
+    assert cuts.sum() == 12 * 10
 
 
 def test_the_creases_of_a_rough_scan_are_noise():
