@@ -74,7 +74,7 @@ def recover(
     that cannot be recovered: no training photograph, a mesh that the camera misses, no valid pixel on it.
     """
     options = options or RecoverOptions()
-    clock = Clock(None if quiet else progress, 6 + 3 * options.num_rounds)
+    clock = Clock(None if quiet else progress, 7 + 3 * options.num_rounds)
     with clock.stage("mesh"):
         mesh = prepare_mesh(capture.mesh, options.mesh)
         rays = ray_scene(mesh)
