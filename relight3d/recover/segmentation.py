@@ -25,7 +25,7 @@ class SegmentationOptions:
     chroma_scatter: float = 0.08  # of the log ratios of its colours
     same_material: float = 0.7  # Bhattacharyya distance below which two parts are one material
     gradual: float = 0.6  # of two parts' difference: less than this share of it at their border is shading
-    interleaving: float = 5.0  # colours within each other more than so many discs on a ground are one print
+    interleaving: float = 4.5  # colours within each other more than so many discs on a ground are one print
     patch_px: int = 150  # pixels of a patch; less in a picture of fewer than a hundred such
     min_pixels: int = 24  # a smaller part is absorbed
     min_share: float = 0.02  # of its panel: so is a smaller part, if it has less than four patches

@@ -26,6 +26,7 @@ from relight3d.shading import points_seen, ray_scene
 RED, BLUE = np.array([0.6, 0.3, 0.2]), np.array([0.2, 0.35, 0.5])
 WHITE, GRAY, BLACK = np.full(3, 0.8), np.full(3, 0.35), np.full(3, 0.08)
 DESK = Path(__file__).parents[2] / "data" / "desk_tiny"
+SHARED = Path(__file__).parents[3] / "shared" / "captures"
 
 
 @dataclass(frozen=True)
@@ -340,15 +341,16 @@ def test_part_options_out_of_range_are_refused(fields):
 
 
 @cache
-def tiny_desk():
-    capture = load_capture(DESK)
+def unlabelled(folder: Path):
+    """A capture, its mesh without labels, and the mesh made ready for rays."""
+    capture = load_capture(folder)
     mesh = prepare_mesh(replace(capture.mesh, object_id=None), MeshOptions())
     return capture, mesh, ray_scene(mesh)
 
 
-def divided_desk(choice: slice):
-    """The tiny desk's division, per pixel, from some of its photographs and without its labels."""
-    capture, mesh, rays = tiny_desk()
+def divided(folder: Path, choice: slice):
+    """A capture's points and the surface of each, from some of its photographs and without its labels."""
+    capture, mesh, rays = unlabelled(folder)
     points = points_seen(rays, mesh, capture.camera)
     photographs = capture.split("train")[choice]
     read = [read_photograph(capture, photograph) for photograph in photographs]
@@ -363,11 +365,18 @@ def divided_desk(choice: slice):
 
 
 def test_the_tiny_desk_is_divided_as_its_labels_say():
-    points, surface = divided_desk(slice(None))
+    points, surface = divided(DESK, slice(None))
     truth = read_image(DESK / "truth" / "surface_label.png")[0]
-    truth = np.unique(truth.reshape(len(truth) * truth.shape[1], -1)[points.pixel, 0], return_inverse=True)[1]
+    truth = np.unique(truth.reshape(-1, 3)[points.pixel, 0], return_inverse=True)[1]
     assert agreement(truth, surface) > 0.97
 
 
 def test_either_half_of_the_tiny_desks_photographs_divides_it_alike():
-    assert agreement(divided_desk(slice(0, None, 2))[1], divided_desk(slice(1, None, 2))[1]) > 0.97
+    assert agreement(divided(DESK, slice(0, None, 2))[1], divided(DESK, slice(1, None, 2))[1]) > 0.97
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="the photographs of DiLiGenT are not part of the project")
+@pytest.mark.parametrize(("name", "least", "most"), [("diligent_cat", 1, 1), ("diligent_reading", 2, 5)])
+def test_a_real_scan_is_one_surface_or_few(name, least, most):
+    _, surface = divided(SHARED / name, slice(None, None, 2))
+    assert least <= len(np.unique(surface)) <= most
