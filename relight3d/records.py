@@ -386,6 +386,11 @@ class RelightModel:
             f"{self.surfaces.num_surfaces} surfaces, {len(self.lights)} photographs)"
         )
 
+    def _repr_html_(self) -> str:
+        from relight3d.display.notebook import html_of_model
+
+        return html_of_model(self)
+
 
 # ------------------------------------------------------------------------------------------------ frames
 
@@ -434,3 +439,12 @@ class Frame:
         found = self._terms() if callable(self._terms) else self._terms
         assert found is not None, "a frame is made with its terms, or with the way to them"
         return found
+
+    def __repr__(self) -> str:
+        height, width = self.is_hit.shape
+        return f"Frame({width}x{height} px, {self.stats.total_ms:.1f} ms, {self.stats.num_rays:,} rays)"
+
+    def _repr_html_(self) -> str:
+        from relight3d.display.notebook import html_of_frame
+
+        return html_of_frame(self)
