@@ -7,7 +7,7 @@ and are joined because they lie within each other. Plane facets are held togethe
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int, Int32
+from jaxtyping import Bool, Float64, Int, Int32
 from scipy.ndimage import distance_transform_edt
 from skimage.segmentation import slic
 
@@ -99,17 +99,18 @@ def cut_panels(
     camera: Camera,
     panel: Int[np.ndarray, " point"],
     colors: Float64[np.ndarray, "point 3"],
+    near: Int32[np.ndarray, "pair 2"],
     options: SegmentationOptions,
 ) -> tuple[Int32[np.ndarray, " point"], Int32[np.ndarray, " point"]]:
     """The panel and the part of each point: panels with their facets as panels of their own, and parts of one material.
 
-    `panel` are the pieces that geometry gives, `colors` those of `log_colors`. At least one point.
+    `panel` are the pieces that geometry gives, `colors` log luminance and two log colour ratios, `near` the points that
+    are neighbours. At least one point.
     """
     panel = regions.renumbered(panel)
     size = np.bincount(panel)
     is_whole = is_flat(points, panel, options.flat_deg) | (size < 4 * options.patch_px)
     patch = _number(panel, np.where(is_whole[panel], 0, 1 + color_patches(points, camera, colors, options)))
-    near = neighbours(points, camera)
     near = near[panel[near[:, 0]] == panel[near[:, 1]]]
     facet = flat_facets(points, patch, near, options)
     facet = np.where(is_whole[panel], -1, facet)
@@ -262,28 +263,6 @@ def color_patches(
     number = max(1, camera.num_pixels // options.patch_px)
     patch = slic(picture, number, compactness, sigma=1.0, convert2lab=False, enforce_connectivity=False, start_label=0)
     return patch.ravel()[points.pixel].astype(np.int32)
-
-
-def neighbours(points: ShadingPoints, camera: Camera) -> Int32[np.ndarray, "pair 2"]:
-    """Pairs of points in neighbouring pixels that are neighbours in space too, not across an outline."""
-    grid = np.full(camera.num_pixels, -1, np.int32)
-    grid[points.pixel] = np.arange(len(points), dtype=np.int32)
-    grid = grid.reshape(camera.height, camera.width)
-    one = np.concatenate([grid[:, :-1].ravel(), grid[:-1].ravel()])
-    other = np.concatenate([grid[:, 1:].ravel(), grid[1:].ravel()])
-    pairs = np.stack([one, other], axis=1)[(one >= 0) & (other >= 0)]
-    apart = np.linalg.norm(points.position[pairs[:, 0]] - points.position[pairs[:, 1]], axis=1)
-    slant = np.abs(np.einsum("pi,pi->p", points.geometric_normal, points.to_viewer))
-    reach = points.depth / min(camera.fx, camera.fy) / np.maximum(slant, 0.1)
-    return pairs[apart < 3.0 * np.maximum(reach[pairs[:, 0]], reach[pairs[:, 1]])]
-
-
-def log_colors(albedo: Float32[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
-    """Log luminance and two log colour ratios, which indirect light changes less."""
-    # The ratios of what is much darker than the rest are noise.
-    offset = max(0.05 * float(np.median(albedo)), 1e-12)
-    red, green, blue = np.log(np.maximum(albedo, 0).astype(np.float64) + offset).T
-    return np.stack([(red + green + blue) / 3, (red - green) / 2**0.5, (red + green - 2 * blue) / 6**0.5], axis=1)
 
 
 def _number(*keys: np.ndarray) -> Int32[np.ndarray, " point"]:

@@ -18,7 +18,7 @@ from relight3d.camera import Camera
 from relight3d.errors import InputError
 from relight3d.maths import regions, topology
 from relight3d.records import PatchMesh, ShadingPoints, Surfaces
-from relight3d.recover.segmentation import SegmentationOptions, cut_panels, log_colors, neighbours
+from relight3d.recover.segmentation import SegmentationOptions, cut_panels
 
 MAX_POINTS = 250_000  # more pixels than this are thinned out: the division needs no more
 
@@ -74,9 +74,9 @@ def surfaces_from_photographs(
         points, albedo, camera = _thinned(points, albedo, camera)
         colors, of_piece, parts = log_colors(albedo), piece[points.face], options.parts.for_picture(len(points))
         of_panel = large_panels(panel[points.face], of_piece, parts)
-        of_panel, part = cut_panels(points, camera, of_panel, colors, parts)
         near = neighbours(points, camera)
         near = near[of_piece[near[:, 0]] == of_piece[near[:, 1]]]
+        of_panel, part = cut_panels(points, camera, of_panel, colors, near, parts)
         joined = merge_parts(part, of_panel, colors, part[near], parts)[part]
         votes = face_votes(points.face, without_small(joined, parts), len(mesh.faces))
         surface = _spread(mesh, edges.pairs, votes)
@@ -98,6 +98,28 @@ def creases(mesh: PatchMesh, edges: topology.SharedEdges, options: SurfaceOption
         cosine = np.einsum("pi,pi->p", mesh.vertex_normals[one], mesh.vertex_normals[other])
         jump = np.maximum(jump, np.arccos(np.clip(cosine, -1, 1)))
     return (angle > np.radians(options.crease_deg)) | (jump > np.radians(options.split_normal_deg))
+
+
+def neighbours(points: ShadingPoints, camera: Camera) -> Int32[np.ndarray, "pair 2"]:
+    """Pairs of points in neighbouring pixels that are neighbours in space too, not across an outline."""
+    grid = np.full(camera.num_pixels, -1, np.int32)
+    grid[points.pixel] = np.arange(len(points), dtype=np.int32)
+    grid = grid.reshape(camera.height, camera.width)
+    one = np.concatenate([grid[:, :-1].ravel(), grid[:-1].ravel()])
+    other = np.concatenate([grid[:, 1:].ravel(), grid[1:].ravel()])
+    pairs = np.stack([one, other], axis=1)[(one >= 0) & (other >= 0)]
+    apart = np.linalg.norm(points.position[pairs[:, 0]] - points.position[pairs[:, 1]], axis=1)
+    slant = np.abs(np.einsum("pi,pi->p", points.geometric_normal, points.to_viewer))
+    reach = points.depth / min(camera.fx, camera.fy) / np.maximum(slant, 0.1)
+    return pairs[apart < 3.0 * np.maximum(reach[pairs[:, 0]], reach[pairs[:, 1]])]
+
+
+def log_colors(albedo: Float32[np.ndarray, "point 3"]) -> Float64[np.ndarray, "point 3"]:
+    """Log luminance and two log colour ratios, which indirect light changes less."""
+    # The ratios of what is much darker than the rest are noise.
+    offset = max(0.05 * float(np.median(albedo)), 1e-12)
+    red, green, blue = np.log(np.maximum(albedo, 0).astype(np.float64) + offset).T
+    return np.stack([(red + green + blue) / 3, (red - green) / 2**0.5, (red + green - 2 * blue) / 6**0.5], axis=1)
 
 
 def large_panels(
