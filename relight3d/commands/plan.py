@@ -15,7 +15,8 @@ from relight3d.io.model_file import load_model
 from relight3d.lights import Light
 from relight3d.progress import say, show
 from relight3d.records import RelightModel
-from relight3d.relight.plan import COLUMNS, plan_of
+from relight3d.relight.plan import plan_of
+from relight3d.relight.plan_lines import COLUMNS
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from typing import Annotated
 import tyro
 
 from relight3d.camera import Camera
+from relight3d.effects import parse_force
 from relight3d.records import RelightModel
 from relight3d.relight.budget import one_of_three
-from relight3d.relight.force import apply_plan, forced_options, parse_force
+from relight3d.relight.force import apply_plan, forced_options
 from relight3d.relight.options import Preset, RelightOptions, preset_options
 from relight3d.relight.relighter import Relighter
 

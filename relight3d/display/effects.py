@@ -6,8 +6,9 @@ import numpy as np
 
 from relight3d.camera import Camera
 from relight3d.display.subject import Lights
+from relight3d.effects import SCENE, SCENE_EFFECTS, SURFACE_EFFECTS
 from relight3d.records import Frame, RelightModel
-from relight3d.relight.force import SCENE, SCENE_EFFECTS, SURFACE_EFFECTS, apply_plan, forced_options, has_effect
+from relight3d.relight.force import apply_plan, forced_options, has_effect
 from relight3d.relight.options import RelightOptions, preset_options
 from relight3d.relight.relighter import Relighter
 

@@ -17,11 +17,11 @@ from relight3d.display.report_parts import (
     surface_parts,
 )
 from relight3d.display.subject import Subject
+from relight3d.effects import SCENE
 from relight3d.errors import InputError
 from relight3d.evaluate.run import Evaluation, evaluate
 from relight3d.io.files import write_text
 from relight3d.records import Capture, RelightModel
-from relight3d.relight.force import SCENE
 from relight3d.relight.plan import plan_of
 
 FILE_NAME = "index.html"

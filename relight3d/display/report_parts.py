@@ -21,7 +21,8 @@ from relight3d.lights import Light
 from relight3d.maths.color import display_u8
 from relight3d.maths.least_squares import Status
 from relight3d.records import Photograph, RelightModel
-from relight3d.relight.plan import PlanLine, plan_of
+from relight3d.relight.plan import plan_of
+from relight3d.relight.plan_lines import PlanLine
 from relight3d.relight.relighter import Relighter
 
 DIFFERENCE_GAIN = 8  # differences of display values are shown so many times as large

@@ -4,41 +4,24 @@ An effect that lives in the model (its arrays are what it costs) is removed by `
 rays of a frame (shadows, borders, outlines, a mirror in a mirror) is switched by `forced_options`.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from relight3d.effects import RAY_EFFECTS, SCENE, SCENE_EFFECTS, SURFACE_EFFECTS, Force, surfaces_named
 from relight3d.errors import InputError
 from relight3d.records import Decision, PixelMap, RelightModel
 from relight3d.relight.options import RelightOptions
 
-Force = Mapping[tuple[str, int | str], bool]  # (effect, surface by number or name, -1 for all) -> on or off
-
-SCENE = -1
-SURFACE_EFFECTS = ("texture", "lobes", "detail", "mirror", "thrown")
-SCENE_EFFECTS = ("indirect", "ambient", "residual", "background")
-RAY_EFFECTS: dict[str, dict[str, object]] = {  # the options that leave each out
+RAYS: dict[str, dict[str, object]] = {  # the options that leave each out
     "shadows": {"shadows": "off"},
     "borders": {"borders": False},
     "outlines": {"edge_samples": 1},
     "second mirror": {"max_bounces": 1},
     "soft shadows": {"light_samples": 1},
 }
-EFFECTS = (*RAY_EFFECTS, *SCENE_EFFECTS, *SURFACE_EFFECTS)
-
-
-def parse_force(words: Iterable[str]) -> dict[tuple[str, int | str], bool]:
-    """`effect=off`, `effect:surface=off` or `=on`, with the surface's name or number. Raises InputError for others."""
-    force: dict[tuple[str, int | str], bool] = {}
-    for word in words:
-        what, _, state = word.partition("=")
-        effect, _, where = what.partition(":")
-        if state not in ("on", "off"):
-            raise InputError("force", word, "effect=on, effect=off, or effect:surface=off")
-        surface = SCENE if not where else int(where) if where.isdigit() else where
-        force[effect.strip(), surface] = state == "on"
-    return force
+assert tuple(RAYS) == RAY_EFFECTS
 
 
 def apply_plan(model: RelightModel, force: Force | None = None) -> RelightModel:
@@ -53,7 +36,7 @@ def apply_plan(model: RelightModel, force: Force | None = None) -> RelightModel:
         if (effect, SCENE) not in force and _is_idle(model, effect):
             model = _WITHOUT[effect](model, SCENE)
     for (effect, where), is_on in force.items():
-        surfaces = surfaces_named(model, effect, where)
+        surfaces = surfaces_named(model.surfaces.names, effect, where)
         if effect in RAY_EFFECTS:
             continue
         if is_on and where == SCENE and effect in SURFACE_EFFECTS:
@@ -77,31 +60,12 @@ def forced_options(options: RelightOptions, force: Force | None = None) -> Relig
             continue
         if where != SCENE:
             raise InputError("force", f"{effect} of {where}", "an effect of one surface", f"{effect} is the scene's")
-        without, default = RAY_EFFECTS[effect], RelightOptions()
+        without, default = RAYS[effect], RelightOptions()
         if not is_on:
             options = replace(options, **without)
         elif all(getattr(options, name) == value for name, value in without.items()):
             options = replace(options, **{name: getattr(default, name) for name in without})
     return options
-
-
-def surfaces_named(model: RelightModel, effect: str, where: int | str) -> list[int]:
-    """The surfaces that (effect, where) stands for; [-1] for an effect of the whole scene."""
-    kind = "lobes" if effect.startswith("lobe ") else effect
-    if kind not in EFFECTS:
-        raise InputError("force", effect, f"one of {', '.join(EFFECTS)}, or 'lobe 2' for one lobe")
-    if kind not in SURFACE_EFFECTS:
-        if where != SCENE:
-            raise InputError("force", f"{effect} of {where}", "an effect of one surface", f"{effect} is the scene's")
-        return [SCENE]
-    names, num = model.surfaces.names, model.surfaces.num_surfaces
-    if where == SCENE:
-        return list(range(num))
-    if isinstance(where, str) and where in names:
-        return [names.index(where)]
-    if isinstance(where, int) and 0 <= where < num:
-        return [where]
-    raise InputError("force", f"surface {where!r}", f"a number below {num}, or one of {', '.join(names)}")
 
 
 def has_effect(model: RelightModel, effect: str, surface: int) -> bool:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from relight3d.effects import SCENE
 from relight3d.lights import Light
 from relight3d.records import RelightModel, Stats
 from relight3d.relight.calibrate import nudged
-from relight3d.relight.force import Force, apply_plan, forced_options, has_effect, parse_force
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.plan_lines import COLUMNS, SCENE, Plan, PlanLine, confidence_in, evidence_lines, name_of
+from relight3d.relight.plan_lines import Plan, PlanLine, evidence_lines, name_of
 from relight3d.views import View
 
 if TYPE_CHECKING:
@@ -141,9 +141,3 @@ def _facts(model: RelightModel, view: View, facing: np.ndarray | None) -> tuple[
 
 def _shows_mirrors(view: View) -> bool:
     return bool(view.is_mirrored.any()) or len(view.miss_pixel) > 0
-
-
-__all__ = [
-    "COLUMNS", "Force", "Plan", "PlanLine", "apply_plan", "confidence_in", "forced_options", "has_effect",
-    "parse_force", "plan_of",
-]  # fmt: skip

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from relight3d.effects import SCENE
 from relight3d.records import Decision, RelightModel
 
-SCENE = -1
 COLUMNS = ("effect", "where", "state", "gain dB", "noise dB", "confidence", "rays", "time", "why")
 
 

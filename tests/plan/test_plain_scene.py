@@ -3,8 +3,9 @@
 import numpy as np
 
 from relight3d.lights import DirectionalLight
+from relight3d.relight.force import apply_plan
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.plan import apply_plan, plan_of
+from relight3d.relight.plan import plan_of
 from relight3d.relight.relighter import Relighter
 from tests.plan.models import plain_model, rich_model
 

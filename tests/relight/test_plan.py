@@ -5,19 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from relight3d.effects import parse_force
 from relight3d.errors import InputError
 from relight3d.lights import DirectionalLight, SphereLight
+from relight3d.relight.force import apply_plan, forced_options, has_effect
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.plan import (
-    COLUMNS,
-    Plan,
-    apply_plan,
-    confidence_in,
-    forced_options,
-    has_effect,
-    parse_force,
-    plan_of,
-)
+from relight3d.relight.plan import plan_of
+from relight3d.relight.plan_lines import COLUMNS, Plan, confidence_in
 from relight3d.relight.relighter import Relighter
 from tests.plan.models import rich_model
 
