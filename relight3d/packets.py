@@ -137,34 +137,39 @@ def _aligned(num_words):
 
 
 @numba.njit(nogil=True, cache=True)
-def _fill(words, rays, active, origins, directions, start, count):
+def _packet(num_rows, directions):
+    """An empty packet: words, the same as floats, and which lanes are on. What no ray changes is written here."""
+    words = _aligned(num_rows * WIDTH).reshape(num_rows, WIDTH)
+    rays, active = words.view(np.float32), _aligned(WIDTH)
+    words[:], active[:] = 0, 0
+    words[MASK] = -1
+    if len(directions) == 1:  # one for all rays
+        for axis in range(3):
+            rays[DIRECTION + axis] = directions[0, axis]
+    return words, rays, active
+
+
+@numba.njit(nogil=True, cache=True)
+def _fill(rays, active, origins, directions, limits, start, count):
     """One packet of rays; the lanes past the end repeat the last ray, switched off."""
+    shared, endless = len(directions) == 1, len(limits) == 0
     for lane in range(WIDTH):
         ray = start + min(lane, count - 1)
-        way = ray if len(directions) > 1 else 0
         for axis in range(3):
             rays[ORIGIN + axis, lane] = origins[ray, axis]
-            rays[DIRECTION + axis, lane] = directions[way, axis]
-        rays[NEAR, lane] = 0.0
-        rays[TIME, lane] = 0.0
-        rays[FAR, lane] = NEVER
-        words[MASK, lane] = -1
-        words[ID, lane] = 0
-        words[FLAGS, lane] = 0
+            if not shared:
+                rays[DIRECTION + axis, lane] = directions[ray, axis]
+        rays[FAR, lane] = NEVER if endless else limits[ray]
         active[lane] = -1 if lane < count else 0
 
 
 @numba.njit(nogil=True, cache=True)
 def occluded(query, scene, arguments, origins, directions, limits, blocked):
     """blocked[i] = whether anything stands along ray i; `limits` of length 0 for rays without an end."""
-    words = _aligned(NUM_RAY_ROWS * WIDTH).reshape(NUM_RAY_ROWS, WIDTH)
-    rays, active = words.view(np.float32), _aligned(WIDTH)
+    words, rays, active = _packet(NUM_RAY_ROWS, directions)
     for start in range(0, len(origins), WIDTH):
         count = min(WIDTH, len(origins) - start)
-        _fill(words, rays, active, origins, directions, start, count)
-        if len(limits):
-            for lane in range(count):
-                rays[FAR, lane] = limits[start + lane]
+        _fill(rays, active, origins, directions, limits, start, count)
         _call(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
         for lane in range(count):
             blocked[start + lane] = rays[FAR, lane] < 0.0  # Embree writes -inf
@@ -173,12 +178,11 @@ def occluded(query, scene, arguments, origins, directions, limits, blocked):
 @numba.njit(nogil=True, cache=True)
 def first_hits(query, scene, arguments, origins, directions, face, u, v, distance):
     """The nearest face along each ray (-1 and inf for none), and where on it."""
-    words = _aligned(NUM_HIT_ROWS * WIDTH).reshape(NUM_HIT_ROWS, WIDTH)
-    rays, active = words.view(np.float32), _aligned(WIDTH)
-    for start in range(0, len(directions), WIDTH):
-        count = min(WIDTH, len(directions) - start)
+    words, rays, active = _packet(NUM_HIT_ROWS, directions)
+    for start in range(0, len(origins), WIDTH):
+        count = min(WIDTH, len(origins) - start)
         words[NUM_RAY_ROWS:] = -1
-        _fill(words, rays, active, origins, directions, start, count)
+        _fill(rays, active, origins, directions, distance[:0], start, count)
         _call(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
         for lane in range(count):
             ray = start + lane

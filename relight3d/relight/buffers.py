@@ -44,13 +44,14 @@ class Sites:
 class Buffers:
     """Structure of arrays over the points of a view, and over its pixels by rank."""
 
-    position: Float32[np.ndarray, "point 3"]
-    geometric_normal: Float32[np.ndarray, "point 3"]
-    normal: Float32[np.ndarray, "point 3"]
-    to_viewer: Float32[np.ndarray, "point 3"]
-    diffuse: Float32[np.ndarray, "point 3"]  # albedo / pi * throughput
-    gloss: Float32[np.ndarray, "point 3"]  # lobe gain * throughput
-    lobe_range: Int32[np.ndarray, "point 2"]  # rows of `lobes`
+    position: Float32[np.ndarray, "3 point"]
+    geometric_normal: Float32[np.ndarray, "3 point"]
+    normal: Float32[np.ndarray, "3 point"]
+    to_viewer: Float32[np.ndarray, "3 point"]
+    diffuse: Float32[np.ndarray, "3 point"]  # albedo / pi * throughput
+    gloss: Float32[np.ndarray, "3 point"]  # lobe gain * throughput
+    surface: Int32[np.ndarray, " point"]
+    lobe_start: Int32[np.ndarray, " surface_and_end"]  # the lobes of surface s: lobe_start[s] to lobe_start[s + 1]
     lobes: Float32[np.ndarray, "lobe 12"]
     step: Float32[np.ndarray, "point 2 3"]
     neighbour: Int32[np.ndarray, "point 4"]
@@ -61,7 +62,7 @@ class Buffers:
     order: Int32[np.ndarray, " point"]  # which point of the view each one is
 
     def __len__(self) -> int:
-        return len(self.position)
+        return len(self.order)
 
     @property
     def num_bytes(self) -> int:
@@ -75,10 +76,10 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
     """The view's points in blocks, with everything that a frame reads of them."""
     order, pixel_of_rank, start = _block_order(view)
     num, points = len(order), view.points
-    lobes, lobe_range = _lobe_table(model)
+    lobes, lobe_start = _lobe_table(model)
     place = np.empty(num, np.int32)
     place[order] = np.arange(num, dtype=np.int32)
-    vectors, step = np.empty((6, num, 3), np.float32), np.empty((num, 2, 3), np.float32)
+    vectors, step = np.empty((6, 3, num), np.float32), np.empty((num, 2, 3), np.float32)
     neighbour = np.empty((num, 4), np.int32)
     geometry = (points.position, points.geometric_normal, view.normal, points.to_viewer)
     reflectance = (view.albedo, view.throughput, view.lobe_gain)
@@ -98,7 +99,8 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
         to_viewer=to_viewer,
         diffuse=diffuse,
         gloss=gloss,
-        lobe_range=lobe_range[view.surface[order]],
+        surface=view.surface[order],
+        lobe_start=lobe_start,
         lobes=lobes,
         step=step,
         neighbour=neighbour,
@@ -127,7 +129,7 @@ def block_rank(camera: Camera) -> Int32[np.ndarray, " pixel"]:
 
 
 def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of colour, axes, exponent, tangent, isotropy and the base below which a lobe is dark; rows per surface."""
+    """Rows of colour, axes, exponent, tangent, isotropy and the base below which a lobe is dark; each surface's first."""
     rows, ends = [], [0]
     for lobes in model.lobes:
         for lobe in lobes:
@@ -137,7 +139,7 @@ def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
             rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, isotropic, dark])
         ends.append(len(rows))
     table = np.array(rows, np.float32).reshape(-1, 12)
-    return table, np.stack([ends[:-1], ends[1:]], axis=1).astype(np.int32)
+    return table, np.array(ends, np.int32)
 
 
 # --------------------------------------------------------------------------------------- indirect light

@@ -10,12 +10,13 @@ from relight3d.forward import background_radiance, dark_residual
 from relight3d.lights import DirectionalLight, Light
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import RelightModel
-from relight3d.relight import kernels
+from relight3d.relight import kernels, pixel_kernels
 from relight3d.relight.buffers import Sites, pack_view
 from relight3d.relight.indirect_kernels import site_irradiance
 from relight3d.relight.light_rows import light_row
 from relight3d.relight.modes import LANES
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.shade_kernels import NUM_ROWS
 from relight3d.relight.shadows import Shadows
 from relight3d.relight.tiles import tiles
 from relight3d.shading import mirrored_light, residual_kernel
@@ -25,7 +26,7 @@ from relight3d.views import View
 EMPTY = np.zeros((0, 3), np.float32)
 NO_IMAGES = np.zeros((0, 0, 6), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
-NO_BLOCKS = np.zeros((0, 0, 3 * LANES), np.float32)
+NO_MODES = (np.zeros((0, 0, 3 * LANES), np.float32), NO_WEIGHTS, NO_WEIGHTS)
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
 
 
@@ -45,7 +46,9 @@ class Engine:
         self.buffers = pack_view(model, view, options.precision)
         self.shadows = Shadows(scene, model, view, self.buffers, options)
         # Whole blocks of the residual in every tile.
-        self._tiles = tiles(len(self.buffers.pixel_of_rank), LANES)
+        self._tiles = tiles(len(self.buffers.pixel_of_rank), pixel_kernels.CHUNK)
+        starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])
+        self._chunk_points = int(np.diff(starts).max(initial=0))
         self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
 
     def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
@@ -66,7 +69,7 @@ class Engine:
         irradiance = EMPTY if self.buffers.sites is None else self._irradiance(self.buffers.sites, lights)
         clock.lap("indirect")
         weights = self._residual_weights(lights)
-        images = self._residual_images(*weights)
+        images = self._residual_images(weights)
         clock.lap("residual")
         out = self._behind_mirrors(lights)
         all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(len(seen), len(self.buffers))
@@ -82,20 +85,25 @@ class Engine:
 
     def _shade(self, rows, seen, irradiance, weights, images, out) -> None:
         b, modes, sites = self.buffers, self.buffers.modes, self.buffers.sites
-        lit, dark, lit_weights, dark_weights = NO_BLOCKS, NO_BLOCKS, NO_WEIGHTS, NO_WEIGHTS
-        if modes is not None and len(images) == 0:  # the captured view's own pixels
-            lit, dark, (lit_weights, dark_weights) = modes.lit, modes.dark, weights
+        lit, dark = self._weighted(weights) if len(images) == 0 else (NO_MODES, NO_MODES)
         source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
+        points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
 
         def shade(part: slice) -> None:
-            kernels.shade(
-                part.start, part.stop, rows, seen, b.position, b.normal, b.to_viewer, b.diffuse, b.gloss,
-                b.lobe_range, b.lobes, b.point_start, b.pixel_of_rank, *site, irradiance, lit, dark,
-                lit_weights, dark_weights, source, share, images, scratch(), out,
+            pixel_kernels.shade(
+                part.start, part.stop, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance, source,
+                share, images, lit, dark, np.empty((NUM_ROWS, self._chunk_points), np.float32), scratch(), out,
             )  # fmt: skip
 
         over_threads(shade, self._tiles)
+
+    def _weighted(self, weights: tuple[np.ndarray, np.ndarray]) -> tuple[tuple, tuple]:
+        """The lit and the dark modes as the kernels read them: blocks, steps, weights by light."""
+        modes = self.buffers.modes
+        if modes is None:
+            return NO_MODES, NO_MODES
+        return (modes.lit, modes.lit_step, weights[0]), (modes.dark, modes.dark_step, weights[1])
 
     # ------------------------------------------------------------------------------------- indirect
 
@@ -153,32 +161,21 @@ class Engine:
             return NO_WEIGHTS, NO_WEIGHTS
         softening = indirect.softening if indirect is not None else 0.5 * self.model.mesh.radius
         pairs = [residual_kernel(residual, light, softening) for light in lights]
-        lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), len(modes.lit_step)) * modes.lit_step
-        dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), len(modes.dark_step)) * modes.dark_step
+        lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), modes.lit.shape[1])
+        dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), modes.dark.shape[1])
         return lit, dark
 
-    def _residual_images(self, lit_weights: np.ndarray, dark_weights: np.ndarray) -> np.ndarray:
+    def _residual_images(self, weights: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         modes = self.buffers.modes
-        if modes is None or len(modes.source) == 0 or len(lit_weights) == 0:
+        if modes is None or len(modes.source) == 0 or len(weights[0]) == 0:
             return NO_IMAGES
-        images = np.empty((len(lit_weights), len(self.model.pixels.points), 6), np.float32)
-
+        images = np.empty((len(weights[0]), len(self.model.pixels.points), 6), np.float32)
+        lit, dark = self._weighted(weights)
         ones = np.ones((len(images), kernels.ROW), np.float32)
 
         def read(part: slice) -> None:
             for k in range(len(images)):
-                kernels.residual_images(
-                    part.start,
-                    part.stop,
-                    modes.lit,
-                    modes.dark,
-                    lit_weights,
-                    dark_weights,
-                    k,
-                    ones,
-                    scratch(),
-                    images[k],
-                )
+                pixel_kernels.residual_images(part.start, part.stop, lit, dark, k, ones, scratch(), images[k])
 
         blocks = [slice(t.start // LANES, -(-t.stop // LANES)) for t in tiles(images.shape[1], LANES)]
         over_threads(read, blocks)
@@ -198,8 +195,8 @@ class Engine:
 
 
 def scratch() -> Float32[np.ndarray, "8 lane"]:
-    """What a shading kernel works in: a few blocks of pixels."""
-    return np.zeros((8, LANES), np.float32)
+    """What a kernel works in for a block of pixels."""
+    return np.zeros((pixel_kernels.NUM_PIXEL_ROWS, LANES), np.float32)
 
 
 class _Clock:

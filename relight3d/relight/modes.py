@@ -12,7 +12,7 @@ from relight3d.relight.view_kernels import fade_shares
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
-LANES = 16  # pixels side by side in a block
+LANES = 64  # pixels side by side in a block
 
 # A residual's blocks serve every viewpoint; they go when the residual does.
 _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()
@@ -20,7 +20,7 @@ _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyD
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """The residual's modes in blocks, float32 or int16 in steps of `lit_step` and `dark_step`.
+    """The residual's modes in blocks, float32, or int16 in steps of 1/32767 of each mode's peak in its block.
 
     At the captured view block rows are ranks, and `source` is empty; elsewhere they are the captured points, which each
     point of the view reads by `source` and `share`.
@@ -28,14 +28,14 @@ class Modes:
 
     lit: np.ndarray  # block x mode x (3 LANES)
     dark: np.ndarray
-    lit_step: Float32[np.ndarray, " lit"]
-    dark_step: Float32[np.ndarray, " dark"]
+    lit_step: Float32[np.ndarray, "block lit"]
+    dark_step: Float32[np.ndarray, "block dark"]
     source: Int32[np.ndarray, "point 4"]
     share: Float32[np.ndarray, "point 4"]
 
     @property
     def num_bytes(self) -> int:
-        return self.lit.nbytes + self.dark.nbytes
+        return sum(each.nbytes for each in (self.lit, self.dark, self.lit_step, self.dark_step))
 
 
 def pack_modes(
@@ -76,22 +76,18 @@ def _faded(model: RelightModel, view: View, order: np.ndarray) -> tuple[np.ndarr
 
 
 def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.ndarray, np.ndarray]:
-    """modes[rows] as block x mode x (3 LANES), and the step of each mode; rows below 0 and the padding are zero."""
-    num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
-    step = np.ones(num_modes, np.float32)
-    if precision == "int16" and modes.size:
-        step = (np.maximum(np.abs(modes).max(axis=(0, 2)), 1e-30) / 32767).astype(np.float32)
-    out = np.zeros((num_blocks, num_modes, 3 * LANES), np.int16 if precision == "int16" else np.float32)
+    """modes[rows] as block x mode x (3 LANES), and the steps; rows below 0 and the padding are zero."""
+    num_blocks, num_modes, short = -(-len(rows) // LANES), modes.shape[1], precision == "int16"
+    out = np.empty((num_blocks, num_modes, 3 * LANES), np.int16 if short else np.float32)
+    step = np.ones((num_blocks, num_modes), np.float32)
     for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
         part = rows[first * LANES : (first + 256) * LANES]
-        values = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
-        if precision == "int16":
-            values = np.rint(values / step[None, :, None]).astype(np.int16)
-        padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), out.dtype)
-        padded[: len(part)] = values
-        out[first : first + 256] = (
-            padded.reshape(len(padded) // LANES, LANES, num_modes, 3)
-            .transpose(0, 2, 3, 1)
-            .reshape(len(padded) // LANES, num_modes, 3 * LANES)
-        )
+        padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), np.float32)
+        padded[: len(part)] = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
+        blocks = padded.reshape(-1, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(-1, num_modes, 3 * LANES)
+        if short:
+            peak = np.maximum(np.abs(blocks).max(axis=2), np.float32(1e-30))
+            step[first : first + 256] = peak / np.float32(32767)
+            blocks = np.rint(blocks / step[first : first + 256, :, None])
+        out[first : first + 256] = blocks
     return out, step

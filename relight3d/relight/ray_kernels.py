@@ -41,7 +41,7 @@ def ask(lights, ground, position, geometric, normal, offset, first, last, chosen
     for p in range(first, last):
         if len(chosen) and not chosen[p]:
             continue
-        x, y, z = position[p, 0], position[p, 1], position[p, 2]
+        x, y, z = position[0, p], position[1, p], position[2, p]
         lx, ly, lz, falloff, distance = incident(lights, 0, x, y, z)
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             state[p] = AWAY
@@ -50,7 +50,7 @@ def ask(lights, ground, position, geometric, normal, offset, first, last, chosen
         if not falloff > 0 or _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
             continue
         for axis in range(3):
-            origins[count, axis] = position[p, axis] + geometric[p, axis] * offset
+            origins[count, axis] = position[axis, p] + geometric[axis, p] * offset
         if lights[0, KIND] != AT_INFINITY:
             ways[count, 0], ways[count, 1], ways[count, 2] = lx, ly, lz
             limits[count] = distance - 2 * offset
@@ -89,12 +89,12 @@ def ask_borders(lights, position, geometric, step, offset, pattern, index, origi
     ray = 0
     for p in index:
         for k in range(len(pattern)):
-            x = position[p, 0] + pattern[k, 0] * step[p, 0, 0] + pattern[k, 1] * step[p, 1, 0]
-            y = position[p, 1] + pattern[k, 0] * step[p, 0, 1] + pattern[k, 1] * step[p, 1, 1]
-            z = position[p, 2] + pattern[k, 0] * step[p, 0, 2] + pattern[k, 1] * step[p, 1, 2]
-            origins[ray, 0] = x + geometric[p, 0] * offset
-            origins[ray, 1] = y + geometric[p, 1] * offset
-            origins[ray, 2] = z + geometric[p, 2] * offset
+            x = position[0, p] + pattern[k, 0] * step[p, 0, 0] + pattern[k, 1] * step[p, 1, 0]
+            y = position[1, p] + pattern[k, 0] * step[p, 0, 1] + pattern[k, 1] * step[p, 1, 1]
+            z = position[2, p] + pattern[k, 0] * step[p, 0, 2] + pattern[k, 1] * step[p, 1, 2]
+            origins[ray, 0] = x + geometric[0, p] * offset
+            origins[ray, 1] = y + geometric[1, p] * offset
+            origins[ray, 2] = z + geometric[2, p] * offset
             if lights[0, KIND] != AT_INFINITY:
                 lx, ly, lz, _, distance = incident(lights, 0, x, y, z)
                 ways[ray, 0], ways[ray, 1], ways[ray, 2] = lx, ly, lz
@@ -122,7 +122,7 @@ def ask_thrown(
     """
     count = first
     for p in range(first, last):
-        x, y, z = position[p, 0], position[p, 1], position[p, 2]
+        x, y, z = position[0, p], position[1, p], position[2, p]
         height = (x - plane[0]) * plane[3] + (y - plane[1]) * plane[4] + (z - plane[2]) * plane[5]
         if height <= 4 * offset:
             continue
@@ -140,7 +140,7 @@ def ask_thrown(
         if _ground_blocks(ground, x, y, z, sx, sy, sz, left):
             continue
         for axis in range(3):
-            origins[count, axis] = position[p, axis] + geometric[p, axis] * offset
+            origins[count, axis] = position[axis, p] + geometric[axis, p] * offset
         ways[count, 0], ways[count, 1], ways[count, 2] = lx, ly, lz
         crossings[count, 0], crossings[count, 1], crossings[count, 2] = x, y, z
         limits[count], index[count] = reach, p
@@ -155,7 +155,7 @@ def spread(lights, position, geometric, normal, corners, first, last, chosen, st
         asks[p] = False
         if chosen[p]:
             continue
-        lx, ly, lz, falloff, _ = incident(lights, 0, position[p, 0], position[p, 1], position[p, 2])
+        lx, ly, lz, falloff, _ = incident(lights, 0, position[0, p], position[1, p], position[2, p])
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             continue
         agreed = state[corners[p, 0]]
@@ -172,7 +172,7 @@ def spread(lights, position, geometric, normal, corners, first, last, chosen, st
 def look_up_table(lights, position, geometric, normal, side, bits, first, last, seen):
     """How far points see a light by a table of directions (`bits`: octahedral map x points), between four of them."""
     for p in range(first, last):
-        lx, ly, lz, falloff, _ = incident(lights, 0, position[p, 0], position[p, 1], position[p, 2])
+        lx, ly, lz, falloff, _ = incident(lights, 0, position[0, p], position[1, p], position[2, p])
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0 and falloff > 0):
             continue
         scale = 1 / (abs(lx) + abs(ly) + abs(lz))

@@ -160,7 +160,7 @@ class Shadows:
             between &= inside & (corner >= 0)
             corner = np.maximum(corner, 0)
             between &= (label[corner] == label) & (np.abs(depth[corner] - depth) < 0.06 * depth)
-            between &= np.einsum("pi,pi->p", b.geometric_normal[corner], b.geometric_normal) > 0.9
+            between &= np.einsum("ip,ip->p", b.geometric_normal[:, corner], b.geometric_normal) > 0.9
             corners[:, k] = corner
         return ~between, corners
 
@@ -181,9 +181,10 @@ class Shadows:
         b, side = self._buffers, round(self._options.table_directions**0.5)
         directions = octahedral_directions(side)
         bits = np.zeros((len(directions), -(-len(b) // 8)), np.uint8)
-        origins = self._scene.offset(b.position, b.geometric_normal)
+        normals = np.ascontiguousarray(b.geometric_normal.T)
+        origins = self._scene.offset(b.position.T, normals)
         for row, direction in enumerate(directions):
-            facing = np.flatnonzero(b.geometric_normal @ direction > 0)
+            facing = np.flatnonzero(normals @ direction > 0)
             free = np.zeros(len(b), bool)
             free[facing] = ~self._scene.is_blocked(origins[facing], direction[None])
             bits[row] = np.packbits(free, bitorder="little")

@@ -197,10 +197,10 @@ def pack_points(
     for q in range(first, last):
         p = order[q]
         for axis in range(3):
-            out[0, q, axis], out[1, q, axis] = position[p, axis], geometric[p, axis]
-            out[2, q, axis], out[3, q, axis] = normal[p, axis], to_viewer[p, axis]
-            out[4, q, axis] = albedo[p, axis] * throughput[p, axis] * per_pi
-            out[5, q, axis] = gain[p] * throughput[p, axis]
+            out[0, axis, q], out[1, axis, q] = position[p, axis], geometric[p, axis]
+            out[2, axis, q], out[3, axis, q] = normal[p, axis], to_viewer[p, axis]
+            out[4, axis, q] = albedo[p, axis] * throughput[p, axis] * per_pi
+            out[5, axis, q] = gain[p] * throughput[p, axis]
             out_step[q, 0, axis], out_step[q, 1, axis] = step[p, 0, axis], step[p, 1, axis]
         for k in range(4):
             other = neighbour[p, k]
