@@ -16,16 +16,14 @@ from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
 from relight3d.relight.modes import Modes, pack_modes
 from relight3d.relight.tiles import tiles
-from relight3d.relight.view_kernels import pack_points
+from relight3d.relight.view_kernels import number_used, pack_points
 from relight3d.tracing import over_threads
 from relight3d.views import View
-
-COMPACT_FROM = 2  # times as many sites as points, and only those in sight are kept
 
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """Where indirect light is kept, and how each point reads it; of a large mesh only the sites in sight.
+    """Where indirect light is kept, and how each point reads it; only the sites that some point reads.
 
     `to_basis` writes the functions of the basis in monomials of degree 0 to 3; None for a basis that is no polynomial,
     whose functions then come from NumPy.
@@ -156,19 +154,17 @@ def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarra
     else:
         source, share = np.maximum(view.source[order], 0), view.share[order]
         positions = model.pixels.points.position
-    coefficients, ambient, all_positions = indirect.coefficients, indirect.ambient, positions
-    if len(positions) > COMPACT_FROM * len(order):  # most of a large mesh is out of sight
-        used = np.zeros(len(positions), bool)
-        used[source] = True
-        rows = np.flatnonzero(used)
-        source = (np.cumsum(used) - 1).astype(np.int32)[source]
-        positions, coefficients, ambient = positions[rows], coefficients[rows], ambient[rows]
+    # Most of a mesh is out of sight, or smaller than a pixel: what no point reads is left out.
+    source, new_row = np.ascontiguousarray(source, np.int32), np.zeros(len(positions), np.int32)
+    rows = np.empty(len(positions), np.int32)
+    rows = rows[: number_used(source, new_row, rows)]
+    all_positions = positions
     return Sites(
         source=source,
         share=np.ascontiguousarray(share, np.float32),
-        positions=np.ascontiguousarray(positions, np.float32),
-        coefficients=np.ascontiguousarray(coefficients, np.float32),
-        ambient=np.ascontiguousarray(ambient, np.float32),
+        positions=positions[rows].astype(np.float32),
+        coefficients=indirect.coefficients[rows].astype(np.float32),
+        ambient=indirect.ambient[rows].astype(np.float32),
         all_positions=all_positions,
         to_basis=_polynomial(indirect.basis),
     )

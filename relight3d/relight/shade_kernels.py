@@ -185,7 +185,7 @@ def _add_lobes(lights, light, lobes, rows, normal, viewer, gloss, a, first, last
 
 @inlined
 def _add_indirect(source, share, irradiance, diffuse, a, b, work):
-    """Irradiance blended from the sites (rows of four: red, green, blue, padding), times the albedo."""
+    """Irradiance blended from the sites, times the albedo."""
     for i in range(b - a):
         red, green, blue = ZERO, ZERO, ZERO
         for k in range(source.shape[1]):

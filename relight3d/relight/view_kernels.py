@@ -205,3 +205,23 @@ def pack_points(
         for k in range(4):
             other = neighbour[p, k]
             out_neighbour[q, k] = place[other] if other >= 0 else -1
+
+
+@compiled
+def number_used(source, new_row, rows):
+    """Numbers the rows that `source` reads, in their order: writes them to `rows`, and to `source` their new numbers.
+
+    `new_row`: as many zeros as there are rows. Returns how many are read.
+    """
+    for p in range(source.shape[0]):
+        for k in range(source.shape[1]):
+            new_row[source[p, k]] = 1
+    count = 0
+    for row in range(len(new_row)):
+        if new_row[row] > 0:
+            rows[count], new_row[row] = row, count
+            count += 1
+    for p in range(source.shape[0]):
+        for k in range(source.shape[1]):
+            source[p, k] = new_row[source[p, k]]
+    return count
