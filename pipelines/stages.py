@@ -14,11 +14,18 @@ import tyro
 from relight3d.io.capture import load_capture
 from relight3d.io.stage_file import kept
 from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
-from relight3d.recover import assemble, mirror, rounds, visibility
+from relight3d.recover import assemble, leftover, rounds, visibility
 from relight3d.recover.mesh import prepare_mesh
 from relight3d.recover.mirror import EdgeTest
 from relight3d.recover.rounds import Fitted, Stage
-from relight3d.recover.run import RecoverOptions, Training, find_surfaces, read_training, test_mirrors
+from relight3d.recover.run import (
+    RecoverOptions,
+    Training,
+    accepted_mirrors,
+    find_surfaces,
+    read_training,
+    test_mirrors,
+)
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
 
@@ -89,13 +96,7 @@ class Stages:
     @cached_property
     def mirrors_found(self) -> tuple[Mirror, ...]:
         """The surfaces accepted as mirrors, before their reflectance is known."""
-        options, of_face = self.options.mirror, self.surfaces.surface_of_face
-        of_point = of_face[self.points.face]
-        return tuple(
-            mirror.mirror_of(self.mesh, of_face, t.surface, self.points.take(of_point == t.surface), t.score, options)
-            for t in self.mirror_tests
-            if t.passes(options)
-        )
+        return accepted_mirrors(self.mesh, self.points, self.surfaces, self.mirror_tests, self.options)
 
     @cached_property
     def observed(self) -> Observations:
@@ -162,13 +163,14 @@ class Stages:
         def make() -> RelightModel:
             exposure = self.photographs.exposure
             model = assemble.assemble(self.common, self.observed, mirrors, fitted, self.mirror_tests, exposure)
-            return assemble.with_residual(self.common, self.observed, model)
+            return leftover.with_residual(self.common, self.observed, model)
 
         return self._round("model", make, fitted, mirrors, self.mirror_tests, self.options)
 
     def _round(self, name: str, make, *made_of: object):
         common = (self.mesh, self.capture.camera, self.points, self.surfaces, self.mirrors_found, self.observed)
-        return self._kept(name, make, *common, self.photographs.exposure, self.options.indirect, *made_of)
+        shared = (self.photographs.exposure, self.options.indirect, self.options.force)
+        return self._kept(name, make, *common, *shared, *made_of)
 
     def picture(self, values: np.ndarray) -> np.ndarray:
         """Values of the points (rgb or one) as a picture, black where no point is."""

@@ -9,7 +9,7 @@ Differs from the paper: sites may be vertices, blended over each face, since fac
 functions are of the direction's cosines, since the angles' polynomial breaks at the pole (trap 5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -253,6 +253,20 @@ def explained_db(sums: SiteSums, lit: LightDesign) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         none = np.where(sums.weight > 0, sums.moment**2 / sums.weight, 0.0).sum() / max(sums.weight.sum(), 1e-30)
     return float(10 * np.log10(max(none, 1e-30) / max(left_out_error(sums, lit), 1e-30)))
+
+
+def without_ambient(lit: LightDesign) -> LightDesign:
+    """The functions of the light alone."""
+    count = BASES[lit.basis]
+    return replace(lit, rows=lit.rows[..., :count], damping=lit.damping[:count], has_ambient=False)
+
+
+def ambient_gain_db(sums: SiteSums, lit: LightDesign) -> float:
+    """By how many dB left-out photographs are predicted better with ambient light than with indirect light alone."""
+    if not lit.has_ambient:
+        return 0.0
+    without, with_it = left_out_error(sums, without_ambient(lit)), left_out_error(sums, lit)
+    return float(10 * np.log10(max(without, 1e-30) / max(with_it, 1e-30)))
 
 
 def choose_basis(

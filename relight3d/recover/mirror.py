@@ -30,8 +30,6 @@ class MirrorOptions:
     min_pixels: int = 150  # a smaller surface shows too few edges
     max_bend_deg: float = 25.0  # between normals of one gently curved mirror
     plane_deg: float = 1.0  # scatter of normals below which it is a plane
-    min_reflectance: float = 0.08
-    max_bounces: int = 2
 
     def __post_init__(self) -> None:
         if not 0 < self.min_score < 1:

@@ -5,12 +5,14 @@ taken out of the photographs before the next: the diffuse fits see radiance less
 """
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight3d.camera import Camera
+from relight3d.effects import SCENE, forced_states
 from relight3d.maths.least_squares import Solution, robust_weights, weighted_median
 from relight3d.records import Lobe, Mirror, Observations, PatchMesh, PixelMap, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import detail, diffuse, indirect, mirror, specular, texture
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
 log = logging.getLogger("relight3d")
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
 EDGE_TRUST = 0.03  # of a pixel on an outline, which mixes two surfaces: enough to fill it, too little to decide
+SCENE_NOISE_DB = 0.1  # what a gain of the whole scene must exceed
+NOT_TOLD = "nothing tells it from indirect light"
+ALL_OF_IT_DB = 100.0  # the gain of an effect without which there is nothing
+ANY_GAIN = -1e9  # dB: the threshold of what a person forced on
 MIN_INTERIOR = 150  # points off the outlines that a surface's lobes are fitted to alone
 
 
@@ -44,6 +50,7 @@ class Stage:
     anchors: np.ndarray
     softening: float
     white: float  # the radiance that shows as white, in normalised photographs
+    forced: Mapping[tuple[str, int], bool] = field(default_factory=dict)  # effects that a person switched
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +123,7 @@ def set_stage(
         anchors=indirect.light_anchors(observed),
         softening=0.5 * mesh.radius,
         white=1.0 / (exposure * float(observed.scale.mean())),
+        forced=forced_states(surfaces.names, options.force),
     )
 
 
@@ -177,6 +185,8 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
             sums, observed, indirect.site_positions(stage.mesh, stage.points, options.indirect.site), stage.anchors,
             stage.softening, options.indirect,
         )  # fmt: skip
+        if fitted.design is None:
+            lit, fitted.evidence["ambient", SCENE] = _judge_ambient(stage, observed, sums, lit)
         solution = indirect.solve_sites(sums, lit)
         at_sites = np.maximum(indirect.predict(solution, lit), 0.0)
         irradiance = np.stack([stage.spread @ at_sites[:, photo] for photo in range(at_sites.shape[1])])
@@ -188,8 +198,25 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         )  # fmt: skip
         weight = diffuse_weights(stage, observed, fitted)
     gain = indirect.explained_db(sums, lit)
-    fitted.evidence["indirect", -1] = Evidence(gain, 0.1, "left-out photographs, leave-one-out of the linear fit")
+    reason = "left-out photographs, leave-one-out of the linear fit"
+    fitted.evidence["indirect", SCENE] = Evidence(gain, SCENE_NOISE_DB, reason)
     return fitted
+
+
+def _judge_ambient(
+    stage: Stage, observed: Observations, sums: indirect.SiteSums, lit: indirect.LightDesign
+) -> tuple[indirect.LightDesign, Evidence]:
+    """The functions of the light with or without the ambient's, and the evidence.
+
+    A photograph with the lights off shows nothing else; unequal intensities alone must predict left-out ones better.
+    """
+    if not lit.has_ambient:
+        return lit, Evidence(0.0, SCENE_NOISE_DB, NOT_TOLD)
+    is_seen = bool(observed.is_dark.any())
+    gain = ALL_OF_IT_DB if is_seen else indirect.ambient_gain_db(sums, lit)
+    evidence = Evidence(gain, SCENE_NOISE_DB, "a lights-off photograph" if is_seen else "told apart by intensities")
+    is_on = stage.forced.get(("ambient", SCENE), gain > SCENE_NOISE_DB)
+    return lit if is_on else indirect.without_ambient(lit), evidence
 
 
 def direct_irradiance(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> np.ndarray:
@@ -297,7 +324,7 @@ def _judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted
     evidence = dict(fitted.evidence)
     kept = np.zeros(len(mean), bool)
     for s, (gain, noise) in enumerate(gains):
-        kept[s] = shows[s] or gain > max(options.min_gain_db, 2 * noise)
+        kept[s] = stage.forced.get(("texture", s), shows[s] or gain > max(options.min_gain_db, 2 * noise))
         reason = f"neighbours differ by {100 * measured[s].typical:.0f} %, spread {100 * measured[s].spread:.0f} %"
         evidence["texture", s] = Evidence(gain, noise, reason)
     return replace(fitted, is_textured=kept, texture_shows=shows, evidence=evidence)
@@ -367,9 +394,11 @@ def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
             mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
         samples = _lobe_samples(stage, observed, fitted, matte, mine)
         excess, scatter = specular.glossy_excess(samples, stage.white)
-        found, fit, gain = (), None, 0.0
-        if excess > stage.options.specular.excess_sigmas or fitted.lobes[s]:
-            found, fit, gain = specular.fit_lobes(samples, stage.white, _tangent(stage, s), stage.options.specular)
+        found, fit, gain, options = (), None, 0.0, stage.options.specular
+        if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
+            if ("lobes", s) in stage.forced:
+                options = replace(options, min_gain_db=ANY_GAIN)
+            found, fit, gain = specular.fit_lobes(samples, stage.white, _tangent(stage, s), options)
         reason = f"{excess:.1f} scatters brighter than predicted near the mirror direction"
         evidence["lobes", s] = Evidence(gain, stage.options.specular.min_gain_db, reason)
         lobes.append(found)
@@ -455,12 +484,12 @@ def fit_detail(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...]
     evidence = dict(fitted.evidence)
     for s in range(stage.surfaces.num_surfaces):
         mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
-        if len(mine) < 30 or options.mode == "off":
+        if len(mine) < 30 or options.mode == "off" or not stage.forced.get(("detail", s), True):
             continue
         data = _detail_data(stage, observed, mirrors, fitted, mine)
         mode, damping, gain_db = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
         evidence["detail", s] = Evidence(gain_db, options.min_gain_db, f"{mode}, damping {damping:g}")
-        if gain_db < options.min_gain_db:
+        if gain_db < options.min_gain_db and ("detail", s) not in stage.forced:
             continue
         if mode == "normal":
             normal[mine] = detail.perturb_normals(data, fitted.lobes[s], stage.white, options, damping)

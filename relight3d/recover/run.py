@@ -13,18 +13,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from relight3d.effects import forced_states, parse_force
 from relight3d.errors import InputError
 from relight3d.maths.color import exposure_of
-from relight3d.records import Capture, PatchMesh, RelightModel, ShadingPoints, Surfaces
+from relight3d.records import Capture, Mirror, PatchMesh, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import diffuse, mirror, surfaces, visibility
-from relight3d.recover.assemble import assemble, summary, with_residual
+from relight3d.recover.assemble import assemble, summary
 from relight3d.recover.detail import DetailOptions
 from relight3d.recover.diffuse import DiffuseOptions
 from relight3d.recover.indirect import IndirectOptions
+from relight3d.recover.leftover import with_residual
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
 from relight3d.recover.mirror import MirrorOptions
 from relight3d.recover.residual import ResidualOptions
-from relight3d.recover.rounds import Stage, alternate, fit_detail, fit_gloss, fit_mirrors, set_stage, start
+from relight3d.recover.rounds import alternate, fit_detail, fit_gloss, fit_mirrors, set_stage, start
 from relight3d.recover.specular import SpecularOptions
 from relight3d.recover.surfaces import SurfaceOptions
 from relight3d.recover.texture import TextureOptions
@@ -53,12 +55,14 @@ class RecoverOptions:
     use_labels: bool = True  # the mesh's own surface labels, when it has them
     num_alternations: int = 4  # of albedo and indirect light (trap 3)
     num_rounds: int = 2  # of lobes and detail against the diffuse fits
+    force: tuple[str, ...] = ()  # effect=on or off, or effect:surface=off, whatever the evidence says
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_alternations <= 50:
             raise InputError("num_alternations", self.num_alternations, "1 to 50")
         if not 0 <= self.num_rounds <= 10:
             raise InputError("num_rounds", self.num_rounds, "0 to 10")
+        parse_force(self.force)
 
 
 def recover(
@@ -86,13 +90,7 @@ def recover(
         surface = found.surface_of_face[points.face]
     with clock.stage("mirrors"):
         tests = test_mirrors(capture, mesh, rays, points, found, photographs, options)
-        mirrors = tuple(
-            mirror.mirror_of(
-                mesh, found.surface_of_face, t.surface, points.take(surface == t.surface), t.score, options.mirror
-            )
-            for t in tests
-            if t.passes(options.mirror)
-        )
+        mirrors = accepted_mirrors(mesh, points, found, tests, options)
     with clock.stage("visibility"):
         observed = visibility.observe(
             rays, mesh, points, capture.camera, photographs.radiance, photographs.is_valid, photographs.lights,
@@ -237,4 +235,15 @@ def test_mirrors(
     return [t for t in tests if t is not None]
 
 
-__all__ = ["RecoverOptions", "Stage", "recover"]
+def accepted_mirrors(
+    mesh: PatchMesh, points: ShadingPoints, found: Surfaces, tests: list[mirror.EdgeTest], options: RecoverOptions
+) -> tuple[Mirror, ...]:
+    """The surfaces that pass the edge test, or that a person says are mirrors; their reflectance is fitted later."""
+    surface, forced, mirrors = found.surface_of_face[points.face], forced_states(found.names, options.force), []
+    for t in tests:
+        if forced.get(("mirror", t.surface), t.passes(options.mirror)):
+            own = points.take(surface == t.surface)
+            one = mirror.mirror_of(mesh, found.surface_of_face, t.surface, own, t.score, options.mirror)
+            throws = one.is_plane and forced.get(("thrown", t.surface), one.throws_light)
+            mirrors.append(replace(one, throws_light=throws))
+    return tuple(mirrors)

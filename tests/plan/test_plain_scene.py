@@ -13,22 +13,22 @@ SUN = DirectionalLight((0.3, -0.4, 0.8), 3.0)
 BELOW = DirectionalLight((0.1, 0.1, -1.0), 3.0)
 
 
-def test_indirect_light_without_evidence_leaves_the_model() -> None:
+def test_what_has_no_evidence_is_not_in_the_model() -> None:
+    """No array is left of it: recovery itself leaves it out."""
     plain = plain_model()
-    assert not plan_of(plain).is_on("indirect")
-    assert apply_plan(plain).indirect is None
-    assert apply_plan(rich_model()).indirect is rich_model().indirect
+    assert plain.indirect is None and plain.residual is None and plain.background is None
+    assert not any(plain.lobes) and plain.mirrors == ()
+    assert plain.pixels.normal is plain.pixels.points.normal and (plain.pixels.lobe_gain == 1).all()
+    assert apply_plan(plain) is plain
+    assert rich_model().indirect is not None and rich_model().residual is not None
 
 
-def test_the_plan_has_neither_lobes_nor_texture_nor_mirrors() -> None:
-    on = set(plan_of(plain_model()).effects)
-    assert not on & {"lobes", "texture", "mirror", "thrown", "ambient", "indirect", "background", "second mirror"}
-    assert "shadows" in on
+def test_the_plan_has_direct_light_and_shadows_only() -> None:
+    assert set(plan_of(plain_model()).effects) == {"shadows", "borders", "outlines"}  # the antialiasing of the two
 
 
 def test_a_frame_casts_one_ray_for_each_pixel_that_faces_the_light() -> None:
-    model = apply_plan(plain_model(), {("residual", -1): False})
-    relighter = Relighter(model, options=RelightOptions(edge_samples=1))
+    relighter = Relighter(plain_model(), options=RelightOptions(edge_samples=1))
     view = relighter.view
     for light in (SUN, BELOW):
         to_light = np.array(light.to_light, np.float32)

@@ -60,7 +60,7 @@ def _few(num: int) -> Outcome:
     own = error_on(model, capture.split("train"))
     assert own < 2 * good_error(), own
     # A lower order stands in where the photographs are fewer than the functions.
-    assert BASES[model.indirect.basis] <= num
+    assert model.indirect is None or BASES[model.indirect.basis] <= num
     return outcome(model, error, f"basis {model.indirect.basis}")
 
 

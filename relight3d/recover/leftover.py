@@ -1,0 +1,132 @@
+"""What the rounds left over: the unmodelled surroundings as mirrors show them, then the misfit between photographs.
+
+Each is kept as far as left-out photographs gain by it, in what a display shows.
+"""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from relight3d.effects import SCENE
+from relight3d.records import Background, Observations, RelightModel
+from relight3d.recover import indirect, residual
+from relight3d.recover.decisions import decision
+from relight3d.recover.rounds import ANY_GAIN, Evidence, Stage
+from relight3d.recover.visible import displayed, visible_gain_db
+from relight3d.shading import light_strength, reflected
+
+if TYPE_CHECKING:
+    from relight3d.views import View
+
+
+def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> RelightModel:
+    """The surroundings seen in mirrors, then the interpolated misfit, each as far as left-out photographs gain."""
+    model, view = _with_background(stage, observed, model)
+    options, bright = stage.options.residual, ~observed.is_dark
+    if options.max_modes == 0 or bright.sum() < 3 or not stage.forced.get(("residual", SCENE), True):
+        return model
+    misfit, seen = _misfit(stage, observed, model, view)
+    misfit, seen = misfit[bright], seen[bright]
+    # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
+    is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
+    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
+    anchors = np.array([_mean_direction(each) for each in observed.lights if each])
+    known = (observed.weight > 0)[bright] & is_sane
+    slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
+    # What is carried over is for a light of strength 1, as the frames multiply it again by a lamp's own.
+    strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
+    misfit, slope = misfit / strength[:, None, None], slope * strength[:, None, None] ** 2
+    # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
+    sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
+    states = {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure)}
+    fits = {name: residual.choose_kernel(misfit, k, slope, anchors, options) for name, k in states.items()}
+    for name, is_known in states.items():
+        # What outlines and shadow borders gain depends on the samples they were cut into: the inside decides, if there
+        # is one.
+        inside = is_known & observed.is_interior & observed.is_safe[bright]
+        inside = inside if inside.sum() > 0.2 * is_known.sum() else is_known
+        fit = residual.choose_kernel(misfit, inside, slope, anchors, options)
+        before = _display_error(observed.radiance[bright], misfit * strength[:, None, None], inside, stage.white)
+        fits[name] = replace(fits[name], gain_db=visible_gain_db(fit.gain_db, before))
+    gain = max(fit.gain_db for fit in fits.values())
+    reason = ", ".join(f"{n} {f.gain_db:.1f} dB over {np.degrees(f.length_rad):.0f} degrees" for n, f in fits.items())
+    evidence = Evidence(gain, options.min_gain_db, reason)
+    line = decision(stage, "residual", SCENE, evidence, gain > options.min_gain_db)
+    model = replace(model, decisions=(*model.decisions, line))
+    if not line.is_on:
+        return model
+    if ("residual", SCENE) in stage.forced:
+        options = replace(options, min_gain_db=ANY_GAIN)
+    return replace(model, residual=residual.fit_residual(misfit, states, anchors, fits, options))
+
+
+def _with_background(stage: Stage, observed: Observations, model: RelightModel) -> tuple[RelightModel, "View"]:
+    """The model with what its mirrors show beyond the mesh, and the view of it."""
+    from relight3d.views import build_view
+
+    view = build_view(stage.rays, model, stage.camera)
+    is_called_for = model.indirect is not None and stage.forced.get(("background", SCENE), True)
+    if len(view.miss_pixel) == 0 or not is_called_for:
+        return model, view
+    index = np.full(stage.camera.num_pixels, -1)
+    index[stage.points.pixel] = np.arange(len(stage.points))
+    rows = index[np.unique(view.miss_pixel)]
+    model = replace(model, background=_background(stage, observed, model, rows[rows >= 0]))
+    return model, build_view(stage.rays, model, stage.camera)
+
+
+def _display_error(measured: np.ndarray, misfit: np.ndarray, is_known: np.ndarray, white: float) -> float:
+    """Mean square of display values by which the photographs are missed where they are known."""
+    total = 0.0
+    for picture, miss, known in zip(measured, misfit, is_known):
+        total += float(np.sum((displayed(picture[known], white) - displayed((picture - miss)[known], white)) ** 2))
+    return total / max(3 * int(is_known.sum()), 1)
+
+
+def _mean_direction(lights: tuple) -> np.ndarray:
+    """Where a photograph's light comes from, seen from the scene's middle; of several, by power."""
+    total = np.zeros(3)
+    for light in lights:
+        total = total + light.incident(np.zeros((1, 3)))[0][0] * float(light.power.sum())
+    return total / max(float(np.linalg.norm(total)), 1e-12)
+
+
+def _mean_strength(lights: tuple, softening: float) -> float:
+    """The strength at the scene's middle of a photograph's light; of several, by power."""
+    power = [float(light.power.sum()) for light in lights]
+    strength = [float(light_strength(light, np.zeros((1, 3)), softening)[1][0]) for light in lights]
+    return max(float(np.dot(power, strength)) / max(sum(power), 1e-30), 1e-30)
+
+
+def _misfit(stage: Stage, observed: Observations, model: RelightModel, view) -> tuple[np.ndarray, np.ndarray]:
+    """Measured less modelled radiance of every pixel and photograph, and how far its light is seen there."""
+    from relight3d.forward import gather_pixels, shade_points
+
+    num = stage.camera.num_pixels
+    counts = np.maximum(np.bincount(view.points.pixel, minlength=num), 1)
+    misfit = np.empty_like(observed.radiance)
+    seen = np.zeros(observed.is_lit.shape, np.float32)
+    for photo, each in enumerate(observed.lights):
+        shaded = shade_points(stage.rays, model, view, list(each))
+        picture = sum(gather_pixels(model, view, list(each), shaded))[stage.points.pixel]
+        misfit[photo] = observed.radiance[photo] - picture / observed.scale[photo]
+        if each:
+            share = np.bincount(view.points.pixel, shaded.seen.max(axis=0), num) / counts
+            seen[photo] = share[stage.points.pixel]
+    return misfit, seen
+
+
+def _background(stage: Stage, observed: Observations, model: RelightModel, rows: np.ndarray) -> Background:
+    """Low-order functions of the light, per pixel whose mirror shows the surroundings."""
+    assert model.indirect is not None
+    nowhere = np.zeros((1, 3), np.float32)
+    lit = indirect.design(
+        model.indirect.basis, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect
+    )
+    weight = np.repeat(observed.weight[:, rows].T[:, :, None], 3, axis=2).astype(np.float64)
+    sums = indirect.SiteSums(weight, weight * observed.radiance[:, rows].transpose(1, 0, 2))
+    solution = indirect.solve_sites(sums, lit)
+    record, _ = indirect.indirect_of(solution, lit, observed, "pixel", stage.anchors, stage.softening)
+    points = stage.points.take(rows)
+    return Background(points.pixel, reflected(points).astype(np.float32), record.coefficients, record.ambient)
