@@ -84,7 +84,8 @@ def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.
         part = rows[first * LANES : (first + 256) * LANES]
         padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), np.float32)
         padded[: len(part)] = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
-        blocks = padded.reshape(-1, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(-1, num_modes, 3 * LANES)
+        count = len(padded) // LANES  # said outright: a state without modes leaves nothing to infer it from
+        blocks = padded.reshape(count, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(count, num_modes, 3 * LANES)
         if short:
             peak = np.maximum(np.abs(blocks).max(axis=2), np.float32(1e-30))
             step[first : first + 256] = peak / np.float32(32767)

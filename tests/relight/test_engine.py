@@ -70,6 +70,18 @@ def test_every_option(changes: dict) -> None:
     assert_equal_frames(models.full(), models.LIGHTS["several"], **changes)
 
 
+@pytest.mark.parametrize("state", ["lit", "dark"])
+@pytest.mark.parametrize("precision", ["float32", "int16"])
+def test_a_residual_of_one_state_only(state: str, precision: str) -> None:
+    """A state that gained nothing has no modes."""
+    model = models.full()
+    assert model.residual is not None
+    modes, weights = getattr(model.residual, f"{state}_modes"), getattr(model.residual, f"{state}_weights")
+    none = {f"{state}_modes": modes[:, :0], f"{state}_weights": weights[:0]}
+    model = replace(model, residual=replace(model.residual, **none))
+    assert_equal_frames(model, models.LIGHTS["several"], precision=precision)
+
+
 def test_a_wrong_frame_is_told_apart() -> None:
     model = models.full()
     frame = Relighter(model).render([models.SUN]).radiance
