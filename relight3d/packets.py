@@ -114,7 +114,7 @@ def _address(library: ctypes.CDLL, name: str) -> int:
 
 
 @intrinsic
-def _call(_typing, function, mask, scene, rays, arguments):
+def call_query(_typing, function, mask, scene, rays, arguments):
     """Call a query of Embree by its address: a plain ctypes function would keep the kernels out of the disk cache."""
     word = types.intp
 
@@ -137,28 +137,23 @@ def _aligned(num_words):
 
 
 @numba.njit(nogil=True, cache=True)
-def _packet(num_rows, directions):
+def empty_packet(num_rows):
     """An empty packet: words, the same as floats, and which lanes are on. What no ray changes is written here."""
     words = _aligned(num_rows * WIDTH).reshape(num_rows, WIDTH)
-    rays, active = words.view(np.float32), _aligned(WIDTH)
-    words[:], active[:] = 0, 0
+    words[:] = 0
     words[MASK] = -1
-    if len(directions) == 1:  # one for all rays
-        for axis in range(3):
-            rays[DIRECTION + axis] = directions[0, axis]
-    return words, rays, active
+    return words, words.view(np.float32), _aligned(WIDTH)
 
 
 @numba.njit(nogil=True, cache=True)
 def _fill(rays, active, origins, directions, limits, start, count):
-    """One packet of rays; the lanes past the end repeat the last ray, switched off."""
+    """One packet of rays; the lanes past the end repeat the last ray, switched off. One direction serves all rays."""
     shared, endless = len(directions) == 1, len(limits) == 0
     for lane in range(WIDTH):
         ray = start + min(lane, count - 1)
         for axis in range(3):
             rays[ORIGIN + axis, lane] = origins[ray, axis]
-            if not shared:
-                rays[DIRECTION + axis, lane] = directions[ray, axis]
+            rays[DIRECTION + axis, lane] = directions[0 if shared else ray, axis]
         rays[FAR, lane] = NEVER if endless else limits[ray]
         active[lane] = -1 if lane < count else 0
 
@@ -166,11 +161,11 @@ def _fill(rays, active, origins, directions, limits, start, count):
 @numba.njit(nogil=True, cache=True)
 def occluded(query, scene, arguments, origins, directions, limits, blocked):
     """blocked[i] = whether anything stands along ray i; `limits` of length 0 for rays without an end."""
-    words, rays, active = _packet(NUM_RAY_ROWS, directions)
+    words, rays, active = empty_packet(NUM_RAY_ROWS)
     for start in range(0, len(origins), WIDTH):
         count = min(WIDTH, len(origins) - start)
         _fill(rays, active, origins, directions, limits, start, count)
-        _call(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
+        call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
         for lane in range(count):
             blocked[start + lane] = rays[FAR, lane] < 0.0  # Embree writes -inf
 
@@ -178,12 +173,12 @@ def occluded(query, scene, arguments, origins, directions, limits, blocked):
 @numba.njit(nogil=True, cache=True)
 def first_hits(query, scene, arguments, origins, directions, face, u, v, distance):
     """The nearest face along each ray (-1 and inf for none), and where on it."""
-    words, rays, active = _packet(NUM_HIT_ROWS, directions)
+    words, rays, active = empty_packet(NUM_HIT_ROWS)
     for start in range(0, len(origins), WIDTH):
         count = min(WIDTH, len(origins) - start)
         words[NUM_RAY_ROWS:] = -1
         _fill(rays, active, origins, directions, distance[:0], start, count)
-        _call(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
+        call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
         for lane in range(count):
             ray = start + lane
             face[ray] = words[HIT_PRIMITIVE, lane]

@@ -34,7 +34,10 @@ class Hits(NamedTuple):
 
 
 class RayScene:
-    """A mesh made ready for rays. Raises MeshError for a mesh that Embree must not see (it does not check)."""
+    """A mesh made ready for rays. Raises MeshError for a mesh that Embree must not see (it does not check).
+
+    `packets` is what compiled loops trace by; None where packets cannot be had.
+    """
 
     def __init__(self, vertices: Float32[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"]) -> None:
         if len(faces) == 0:
@@ -45,8 +48,8 @@ class RayScene:
             raise MeshError("mesh faces", f"index {faces.max()}", f"indices below {len(vertices)}")
         self.num_faces = len(faces)
         self.offset_distance = np.float32(OFFSET_ULPS * np.finfo(np.float32).eps * np.abs(vertices).max())
-        self._packets = None if os.environ.get("RELIGHT3D_SINGLE_RAYS") else _packet_scene(vertices, faces)
-        self._scene: Any = _single_ray_scene(vertices, faces) if self._packets is None else None
+        self.packets = None if os.environ.get("RELIGHT3D_SINGLE_RAYS") else _packet_scene(vertices, faces)
+        self._scene: Any = _single_ray_scene(vertices, faces) if self.packets is None else None
 
     def offset(
         self, points: Float32[np.ndarray, "ray 3"], geometric_normal: Float32[np.ndarray, "ray 3"]
@@ -65,7 +68,7 @@ class RayScene:
         `coherent` says that each ray goes nearly the way of the one before, as a camera's do: then it is faster.
         """
         origins, directions = _rays(origins, directions)
-        if self._packets is not None:
+        if self.packets is not None:
             return self._first_hit_by_packets(origins, directions, coherent)
 
         scene = self._scene
@@ -117,10 +120,10 @@ class RayScene:
         """
         if len(origins) == 0:
             return
-        if self._packets is not None:
+        if self.packets is not None:
             from relight3d.packets import occluded
 
-            packets = self._packets
+            packets = self.packets
             arguments = packets.arguments if coherent else 0
             occluded(packets.occluded, packets.scene, arguments, origins, directions, limits, blocked)
             return
@@ -131,7 +134,7 @@ class RayScene:
     def _first_hit_by_packets(self, origins: np.ndarray, directions: np.ndarray, coherent: bool) -> Hits:
         from relight3d.packets import first_hits
 
-        num, packets = len(directions), self._packets
+        num, packets = len(directions), self.packets
         assert packets is not None
         hits = Hits(np.empty(num, np.int32), *(np.empty(num, np.float32) for _ in range(3)))
 

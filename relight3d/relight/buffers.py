@@ -11,12 +11,11 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
-from relight3d.camera import Camera
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
 from relight3d.relight.modes import Modes, pack_modes
-from relight3d.relight.tiles import tiles
-from relight3d.relight.view_kernels import number_used, pack_points
+from relight3d.relight.tiles import rank_of_pixel, tiles
+from relight3d.relight.view_kernels import number_used, pack_reflectance
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
@@ -75,32 +74,37 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
     order, pixel_of_rank, start = _block_order(view)
     num, points = len(order), view.points
     lobes, lobe_start = _lobe_table(model)
-    place = np.empty(num, np.int32)
-    place[order] = np.arange(num, dtype=np.int32)
-    vectors, step = np.empty((6, 3, num), np.float32), np.empty((num, 2, 3), np.float32)
-    neighbour = np.empty((num, 4), np.int32)
-    geometry = (points.position, points.geometric_normal, view.normal, points.to_viewer)
-    reflectance = (view.albedo, view.throughput, view.lobe_gain)
+    albedo, throughput = np.ascontiguousarray(view.albedo.T), np.ascontiguousarray(view.throughput.T)
+    diffuse, gloss = np.empty((3, num), np.float32), np.empty((3, num), np.float32)
 
     def pack(part: slice) -> None:
-        given = (order, place, *geometry, *reflectance, view.step, view.neighbour)
-        pack_points(part.start, part.stop, *given, vectors, step, neighbour)
+        pack_reflectance(part.start, part.stop, order, albedo, throughput, view.lobe_gain, diffuse, gloss)
 
     over_threads(pack, tiles(num))
-    position, geometric_normal, normal, to_viewer, diffuse, gloss = vectors
-    residual = model.residual
-    modes = None if residual is None else pack_modes(model, residual, view, order, pixel_of_rank, precision)
+    in_order = bool((order == np.arange(num)).all())  # as a view from compiled loops is
+
+    def sorted_rows(values: np.ndarray) -> np.ndarray:
+        return values if in_order else values[order]
+
+    to_viewer, residual, neighbour = _planes(sorted_rows(points.to_viewer)), model.residual, view.neighbour
+    if not in_order:
+        place = np.empty(num + 1, np.int32)
+        place[order], place[-1] = np.arange(num, dtype=np.int32), -1
+        neighbour = place[neighbour[order]]
+    modes = None
+    if residual is not None:
+        modes = pack_modes(model, residual, view, order, pixel_of_rank, start, to_viewer, precision)
     return Buffers(
-        position=position,
-        geometric_normal=geometric_normal,
-        normal=normal,
+        position=_planes(sorted_rows(points.position)),
+        geometric_normal=_planes(sorted_rows(points.geometric_normal)),
+        normal=_planes(sorted_rows(view.normal)),
         to_viewer=to_viewer,
         diffuse=diffuse,
         gloss=gloss,
-        surface=view.surface[order],
+        surface=sorted_rows(view.surface),
         lobe_start=lobe_start,
         lobes=lobes,
-        step=step,
+        step=sorted_rows(view.step),
         neighbour=neighbour,
         point_start=start,
         pixel_of_rank=pixel_of_rank,
@@ -110,20 +114,18 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
     )
 
 
+def _planes(vectors: Float32[np.ndarray, "point 3"]) -> Float32[np.ndarray, "3 point"]:
+    """Without a copy for what is stored so already."""
+    return np.ascontiguousarray(vectors.T)
+
+
 def _block_order(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points by block of 4 x 4 pixels and pixel; the pixels that have points, in that order; where each one's begin."""
-    key = block_rank(view.camera)[view.points.pixel]
+    key = rank_of_pixel(view.camera.width, view.camera.height)[view.points.pixel]
     order = np.argsort(key, kind="stable").astype(np.int32)
     pixel = view.points.pixel[order]
     first = np.flatnonzero(np.diff(pixel, prepend=-1) != 0)
     return order, pixel[first], np.append(first, len(pixel)).astype(np.int32)
-
-
-def block_rank(camera: Camera) -> Int32[np.ndarray, " pixel"]:
-    """Where each pixel stands when the picture is walked in blocks of 4 x 4."""
-    y, x = np.divmod(np.arange(camera.num_pixels, dtype=np.int32), np.int32(camera.width))
-    blocks_wide = -(-camera.width // 4)
-    return (((y // 4) * blocks_wide + x // 4) * 16 + (y % 4) * 4 + x % 4).astype(np.int32)
 
 
 def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:

@@ -1,195 +1,217 @@
-"""A new viewpoint by compiled loops: the View that views.build_view makes, several times as fast.
+"""A new viewpoint by compiled loops: the View that views.build_view makes, many times as fast.
 
-Mirrors are followed once for the pixels' centres, and again only for the pixels on outlines that are cut.
+Pixels are walked in blocks of 4 x 4, each a packet of rays; their place in that order is their seat. Mirrors are
+followed at once, and the pixels on outlines are looked at again. The points of the view end up in the order of the
+seats, which is the one that the engine's buffers want, so that it need not copy them.
 """
 
-from dataclasses import replace
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 
 from relight3d import views
 from relight3d.camera import Camera
 from relight3d.records import PixelMap, RelightModel, ShadingPoints
-from relight3d.relight import view_kernels
-from relight3d.relight.tiles import tiles
-from relight3d.shading import NUDGE_PX, reflected
+from relight3d.relight import look_kernels, view_kernels
+from relight3d.relight.tiles import pixel_of_seat, tiles
+from relight3d.shading import NUDGE_PX
 from relight3d.tracing import RayScene, over_threads
 from relight3d.views import View, ViewOptions
-from relight3d.views import _Followed as Followed
 
-NO_WAY = np.zeros(0, np.float32)
-NO_TURN = np.zeros((0, 3, 3), np.float32)
 
-# What every viewpoint of a model reads of its captured pixels.
-_kept: "WeakKeyDictionary[PixelMap, tuple[np.ndarray, np.ndarray]]" = WeakKeyDictionary()
+class Rays(NamedTuple):
+    """Where rays end, as look_kernels.look leaves it: one for each seat, then those of the pixels looked at again."""
+
+    face: Int32[np.ndarray, " ray"]
+    u: Float32[np.ndarray, " ray"]
+    v: Float32[np.ndarray, " ray"]
+    depth: Float32[np.ndarray, " ray"]
+    toward: Float32[np.ndarray, "ray 3"]
+    bounces: np.ndarray
+    tint: Float32[np.ndarray, "ray 3"]
+    turned: Float32[np.ndarray, "ray 2 3"]
+
+
+class Listed(NamedTuple):
+    """The view's points by the rays that end in them, and the rays that a mirror sent to the surroundings."""
+
+    ray: Int32[np.ndarray, " point"]
+    part: Float32[np.ndarray, " point"]
+    pixel: Int32[np.ndarray, " point"]
+    is_cut: Bool[np.ndarray, " pixel"]
+    lost: Int32[np.ndarray, " miss"]
+    lost_part: Float32[np.ndarray, " miss"]
+    lost_pixel: Int32[np.ndarray, " miss"]
+
+
+class Captured(NamedTuple):
+    """What every viewpoint of a model reads of its captured pixels."""
+
+    row_of_pixel: Int32[np.ndarray, " pixel"]  # the captured point of each pixel, -1 for none
+    reach: Float64[np.ndarray, " point"]  # how far it stands for others, in footprints of its pixel
+    tilt: Float32[np.ndarray, "point 3"]  # how far detail turns its normal
+
+
+_captured: "WeakKeyDictionary[PixelMap, Captured]" = WeakKeyDictionary()
 
 
 def build_fast_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> View:
-    """What a camera other than the captured one sees."""
-    maker = _ViewMaker(scene, model, camera, options)
-    centres = maker.trace_centres()
-    num_pixels, num_rays = camera.num_pixels, camera.num_pixels
-    is_hit, cut = np.zeros(num_pixels, bool), np.zeros(num_pixels, bool)
-    is_hit[centres.pixel] = True
-    followed = maker.follow(centres, np.ones(len(centres), np.float32))
-    num_rays += followed.num_rays
-    if options.edge_samples > 1:
-        on_edge = views._outlines(model, camera, followed)[centres.pixel]
-        pixels, image_points = views._subpixels(camera, centres.pixel[on_edge], options.edge_samples)
-        parts = maker.trace(pixels.astype(np.int32), camera.directions(image_points).astype(np.float32))
-        hits = np.bincount(parts.pixel, minlength=num_pixels)
-        cut[centres.pixel[on_edge]] = hits[centres.pixel[on_edge]] > 0
-        shares = (1.0 / hits[parts.pixel]).astype(np.float32)
-        num_rays += len(pixels)
-        of_parts = maker.follow(parts, shares)
-        followed = _joined(_without(followed, cut), of_parts)
-        num_rays += of_parts.num_rays
-    return maker.assemble(followed, cut, is_hit, num_rays)
+    """What a camera other than the captured one sees. The scene must have packets."""
+    return _Looker(scene, model, camera, options).view()
 
 
-class _ViewMaker:
+class _Looker:
     def __init__(self, scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> None:
         self.scene, self.model, self.camera, self.options = scene, model, camera, options
         mesh = model.mesh
         self._mesh = (mesh.faces, mesh.centered_vertices, mesh.vertex_normals, mesh.face_normals)
+        self._surface_of_face = model.surfaces.surface_of_face
         self._reflectance = np.zeros((model.surfaces.num_surfaces, 3), np.float32)
         for mirror in model.mirrors:
             self._reflectance[mirror.surface] = mirror.reflectance
-        self._is_mirror = self._reflectance.any(axis=1)
+        axes = camera.world_from_camera[:3, :3].astype(np.float32)
+        self._ways = np.stack([axes[:, 0] / camera.fx, -axes[:, 1] / camera.fy]).astype(np.float32)
+        self._pixel_of_seat = pixel_of_seat(camera.width, camera.height)
+        # Room for every pixel on an outline; what is not used is never touched.
+        num = camera.num_pixels * (1 + (options.edge_samples if options.edge_samples > 1 else 0))
+        whole, triple = (lambda: np.empty(num, np.float32)), (lambda: np.empty((num, 3), np.float32))
+        self._rays = Rays(
+            np.empty(num, np.int32), whole(), whole(), whole(), triple(), np.empty(num, np.uint8), triple(),
+            np.empty((num, 2, 3), np.float32),
+        )  # fmt: skip
 
-    def trace_centres(self) -> ShadingPoints:
-        camera = self.camera
-        directions = np.empty((camera.num_pixels, 3), np.float32)
-        if any((camera.k1, camera.k2, camera.p1, camera.p2)):
-            rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
-            centres = np.stack([columns.ravel() + 0.5, rows.ravel() + 0.5], axis=1)
-            directions[:] = camera.directions(centres + NUDGE_PX)
-        else:
-            axes = camera.world_from_camera[:3, :3]
-            right, down = axes[:, 0] / camera.fx, -axes[:, 1] / camera.fy
-            corner = -axes[:, 2] - (camera.cx - NUDGE_PX[0]) * right - (camera.cy - NUDGE_PX[1]) * down
+    def view(self) -> View:
+        num_rays = self._look(self._pixel_of_seat, np.full(1, 0.5), np.full(1, 0.5), 0)
+        cut, samples = np.zeros(0, np.int32), self.options.edge_samples
+        if samples > 1:
+            cut, side = self._outlines(), round(samples**0.5)
+            y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
+            num_rays += self._look(self._pixel_of_seat[cut], x, y, self.camera.num_pixels)
+        return self._view(self._listed(cut), num_rays)
 
-            def aim(part: slice) -> None:
-                view_kernels.pixel_rays(part.start, part.stop, corner, right, down, camera.width, directions)
+    # ------------------------------------------------------------------------------------- rays
 
-            over_threads(aim, tiles(camera.num_pixels))
-        return self.trace(np.arange(camera.num_pixels, dtype=np.int32), directions)
+    def _look(self, pixel: Int32[np.ndarray, " pixel"], x: np.ndarray, y: np.ndarray, begin: int) -> int:
+        """Looks through places (x, y) in each pixel; the rays stand from `begin` on. Returns how many were cast."""
+        camera, rays, packets = self.camera, self._rays, self.scene.packets
+        assert packets is not None
+        num, x, y = len(pixel) * len(x), x + NUDGE_PX[0], y + NUDGE_PX[1]
+        mine = Rays(*(each[begin : begin + num] for each in rays))
+        axes = camera.world_from_camera[:3, :3]
+        right, down = np.ascontiguousarray(axes[:, 0]) / camera.fx, -axes[:, 1] / camera.fy
+        corner = -axes[:, 2] - camera.cx * right - camera.cy * down
+        has_lens = any((camera.k1, camera.k2, camera.p1, camera.p2))
+        if has_lens:
+            places = np.stack([(pixel % camera.width)[:, None] + x, (pixel // camera.width)[:, None] + y], axis=-1)
+            mine.toward[:] = camera.directions(places.reshape(-1, 2))
+        eye = (camera.center - self.model.mesh.center).astype(np.float32)
+        scene = (packets.intersect, packets.scene, packets.arguments, self.scene.offset_distance, eye, self._ways)
 
-    def trace(
-        self,
-        pixel: Int32[np.ndarray, " ray"],
-        directions: Float32[np.ndarray, "ray 3"],
-        origins: Float32[np.ndarray, "ray 3"] | None = None,
-        way: np.ndarray = NO_WAY,
-    ) -> ShadingPoints:
-        """What rays see, from the camera or from `origins`; each kept under its pixel."""
-        from_camera = origins is None
-        if origins is None:
-            eye = (self.camera.center - self.model.mesh.center).astype(np.float32)
-            origins = np.ascontiguousarray(np.broadcast_to(eye, directions.shape))
-        found = self.scene.first_hit(origins, directions, coherent=from_camera)
-        hit = np.flatnonzero(found.face >= 0).astype(np.int32)
-        num = len(hit)
-        barycentric, position, geometric, normal, to_viewer = (np.empty((num, 3), np.float32) for _ in range(5))
-        depth = np.empty(num, np.float32)
+        def look(part: slice) -> int:
+            if not has_lens:
+                first, last = part.start // len(x), part.stop // len(x)
+                look_kernels.pixel_rays(first, last, pixel, x, y, corner, right, down, camera.width, mine.toward)
+            return look_kernels.look(
+                part.start, part.stop, *scene, self.options.max_bounces, self._reflectance, self._surface_of_face,
+                self._mesh, *mine,
+            )  # fmt: skip
 
-        def place(part: slice) -> None:
-            rays = (hit, found.face, found.u, found.v, found.distance, directions, way)
-            out = (barycentric, position, geometric, normal, to_viewer, depth)
-            view_kernels.points_at_hits(part.start, part.stop, *rays, *self._mesh, *out)
+        return num + sum(over_threads(look, tiles(num, 16 * len(x))))
 
-        over_threads(place, tiles(num))
-        return ShadingPoints(pixel[hit], found.face[hit], barycentric, position, geometric, normal, to_viewer, depth)
+    def _outlines(self) -> Int32[np.ndarray, " cut"]:
+        """The seats of pixels next to one that shows something else, as views._outlines."""
+        camera, rays, num = self.camera, self._rays, self.camera.num_pixels
+        label, far, normal = np.empty(num, np.int32), np.empty(num, np.float32), np.empty((3, num), np.float32)
+        given = (self._surface_of_face, self._mesh, rays.face, rays.u, rays.v, rays.depth, rays.toward, rays.bounces)
+        beside, below = np.zeros(num, bool), np.zeros(num, bool)
 
-    def follow(self, points: ShadingPoints, share: Float32[np.ndarray, " point"]) -> Followed:
-        """Points that mirrors do not hide, then those that are seen in mirrors; as views._follow."""
-        surface_of_face = self.model.surfaces.surface_of_face
-        on = self._is_mirror[surface_of_face[points.face]]
-        none = points.take(np.zeros(0, np.int64))
-        if not on.any():
-            shares = np.repeat(share[:, None], 3, axis=1)
-            return Followed(points, shares, NO_TURN, np.zeros(len(points), bool), none, NO_WAY, 0)
-        return Followed(
-            *views._follow(self.scene, self.model, points, share, self.options.max_bounces).__dict__.values()
+        def label_them(part: slice) -> None:
+            look_kernels.label_pixels(part.start, part.stop, self._pixel_of_seat, *given, label, far, normal)
+
+        def compare(part: slice) -> None:
+            for stride, breaks in ((1, beside), (camera.width, below)):
+                last = min(part.stop, num - stride)
+                if part.start < last:
+                    look_kernels.find_breaks(part.start, last, stride, label, far, normal, breaks)
+
+        over_threads(label_them, tiles(num))
+        over_threads(compare, tiles(num))
+        seats = np.empty(num, np.int32)
+        shape = (camera.width, camera.height)
+        return seats[: look_kernels.cut_seats(self._pixel_of_seat, *shape, beside, below, rays.face, seats)]
+
+    def _listed(self, cut: Int32[np.ndarray, " cut"]) -> Listed:
+        num, samples = self.camera.num_pixels, self.options.edge_samples
+        room = num + len(cut) * samples
+        ray, pixel, lost, lost_pixel = (np.empty(room, np.int32) for _ in range(4))
+        part, lost_part = np.empty(room, np.float32), np.empty(room, np.float32)
+        is_cut = np.zeros(num, bool)
+        num_points, num_lost = look_kernels.list_points(
+            self._pixel_of_seat, self._rays.face, cut, samples, ray, part, pixel, is_cut, lost, lost_part, lost_pixel
+        )
+        points, misses = slice(0, num_points), slice(0, num_lost)
+        return Listed(
+            ray[points], part[points], pixel[points], is_cut, lost[misses], lost_part[misses], lost_pixel[misses]
         )
 
-    def assemble(self, followed: Followed, cut: np.ndarray, is_hit: np.ndarray, num_rays: int) -> View:
-        """views._assembled, compiled."""
-        model, camera, points = self.model, self.camera, followed.points
-        num, surface = len(points), model.surfaces.surface_of_face[points.face]
+    # ------------------------------------------------------------------------------------- points
+
+    def _view(self, listed: Listed, num_rays: int) -> View:
+        model, camera, rays, num = self.model, self.camera, self._rays, len(listed.ray)
+        position, geometric, mesh_normal, to_viewer, throughput, albedo, normal = (
+            np.empty((3, num), np.float32) for _ in range(7)
+        )
+        face, surface, depth, gain = (np.empty(num, kind) for kind in (np.int32, np.int32, np.float32, np.float32))
+        barycentric, is_mirrored = np.empty((num, 3), np.float32), np.empty(num, bool)
         source, share = np.empty((num, 4), np.int32), np.empty((num, 4), np.float32)
-        albedo, normal = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
-        gain, step = np.empty(num, np.float32), np.empty((num, 2, 3), np.float32)
-        neighbour, point_of_pixel = np.empty((num, 4), np.int32), np.full(camera.num_pixels, -1, np.int32)
-        whole = ~cut[points.pixel]
-        point_of_pixel[points.pixel[whole]] = np.flatnonzero(whole)
-        seen, eye, (row_of_pixel, tilt) = model.pixels, model.camera, _captured(model)
+        step, neighbour = np.empty((num, 2, 3), np.float32), np.empty((num, 4), np.int32)
+        seen, eye, captured = model.pixels, model.camera, captured_of(model)
         lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy, eye.k1, eye.k2, eye.p1, eye.p2])
         project = (lens, np.ascontiguousarray(eye.world_from_camera[:3, :3]), eye.center - model.mesh.center)
-        captured = (seen.points.position, seen.points.geometric_normal, seen.points.to_viewer, seen.points.normal)
-        properties = (model.surface_albedo.astype(np.float32), seen.albedo, tilt)
-        axes = camera.world_from_camera[:3, :3].astype(np.float32)
-        per_pixel = (np.ascontiguousarray(axes[:, 0]) / np.float32(camera.fx), -axes[:, 1] / np.float32(camera.fy))
-        turn = np.ascontiguousarray(followed.mirrors, np.float32)
+        known = (captured.row_of_pixel, seen.points.position, captured.reach, seen.points.normal, seen.surface)
+        mean = model.surface_albedo.astype(np.float32)
+        point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
 
         def fill(part: slice) -> None:
             ends = (part.start, part.stop)
-            view_kernels.look_up(
-                *ends, *project, eye.width, eye.height, row_of_pixel, *captured, seen.surface, points.position,
-                points.normal, surface, source, share,
+            view_kernels.place_points(
+                *ends, listed.ray, listed.part, *rays[:-1], self._mesh, self._surface_of_face, face, barycentric,
+                position, geometric, mesh_normal, to_viewer, depth, surface, is_mirrored, throughput,
             )  # fmt: skip
-            view_kernels.read_properties(
-                *ends, source, share, surface, *properties, seen.lobe_gain, points.normal, albedo, normal, gain
-            )
-            view_kernels.steps(*ends, *per_pixel, turn, points.geometric_normal, points.to_viewer, points.depth, step)
-            picture = (camera.width, camera.height, points.pixel, point_of_pixel)
-            view_kernels.neighbours(*ends, *picture, surface, followed.is_mirrored, neighbour)
+            where = (position, mesh_normal, surface)
+            view_kernels.look_up(*ends, *project, eye.width, eye.height, *known, *where, source, share)
+            properties = (mean, seen.albedo, captured.tilt, seen.lobe_gain, mesh_normal)
+            view_kernels.read_properties(*ends, source, share, surface, *properties, albedo, normal, gain)
+            turns = (self._ways, listed.ray, rays.bounces, rays.turned)
+            view_kernels.steps(*ends, *turns, geometric, to_viewer, depth, step)
+            view_kernels.mark_whole(*ends, listed.pixel, listed.is_cut, point_of_pixel)
+
+        def join(part: slice) -> None:
+            picture = (camera.width, camera.height, listed.pixel, point_of_pixel)
+            view_kernels.neighbours(part.start, part.stop, *picture, surface, is_mirrored, neighbour)
 
         over_threads(fill, tiles(num))
-        miss = views._nearest_background(model, followed.miss.pixel, reflected(followed.miss), camera)
+        over_threads(join, tiles(num))
+        is_hit = np.empty(camera.num_pixels, bool)
+        is_hit[self._pixel_of_seat] = rays.face[: camera.num_pixels] != look_kernels.NOTHING
+        points = ShadingPoints(
+            listed.pixel, face, barycentric, position.T, geometric.T, mesh_normal.T, to_viewer.T, depth
+        )
+        miss = views._nearest_background(model, listed.lost_pixel, rays.toward[listed.lost], camera)
         return View(
-            camera, points, surface, albedo, normal, gain, followed.throughput, followed.is_mirrored, source, share,
-            step, neighbour, followed.miss.pixel, miss, followed.miss_share.astype(np.float32),
-            is_hit.reshape(camera.height, camera.width), num_rays,
+            camera, points, surface, albedo.T, normal.T, gain, throughput.T, is_mirrored, source, share, step,
+            neighbour, listed.lost_pixel, miss, listed.lost_part, is_hit.reshape(camera.height, camera.width), num_rays,
         )  # fmt: skip
 
 
-def _captured(model: RelightModel) -> tuple[Int32[np.ndarray, " pixel"], Float32[np.ndarray, "point 3"]]:
-    """The captured point of each pixel (-1 for none), and how far detail turns its normal."""
+def captured_of(model: RelightModel) -> Captured:
+    """What viewpoints read of the model's captured pixels, made once."""
     seen = model.pixels
-    if seen not in _kept:
+    if seen not in _captured:
         row_of_pixel = np.full(model.camera.num_pixels, -1, np.int32)
         row_of_pixel[seen.points.pixel] = np.arange(len(seen.points), dtype=np.int32)
-        _kept[seen] = (row_of_pixel, seen.normal - seen.points.normal)
-    return _kept[seen]
-
-
-def _without(followed: Followed, cut: Bool[np.ndarray, " pixel"]) -> Followed:
-    """What is left of the pixels' centres when some pixels are cut."""
-    keep, lost = ~cut[followed.points.pixel], ~cut[followed.miss.pixel]
-    return replace(
-        followed,
-        points=followed.points.take(keep),
-        throughput=followed.throughput[keep],
-        mirrors=followed.mirrors[keep] if len(followed.mirrors) else followed.mirrors,
-        is_mirrored=followed.is_mirrored[keep],
-        miss=followed.miss.take(lost),
-        miss_share=followed.miss_share[lost],
-    )
-
-
-def _joined(one: Followed, two: Followed) -> Followed:
-    turns = NO_TURN
-    if len(one.mirrors) or len(two.mirrors):
-        turns = np.concatenate([f.mirrors if len(f.mirrors) else views._identity(len(f.points)) for f in (one, two)])
-    return Followed(
-        views._joined(one.points, two.points),
-        np.concatenate([one.throughput, two.throughput]),
-        turns,
-        np.concatenate([one.is_mirrored, two.is_mirrored]),
-        views._joined(one.miss, two.miss),
-        np.concatenate([one.miss_share, two.miss_share]),
-        one.num_rays + two.num_rays,
-    )
+        slant = np.abs(np.einsum("pi,pi->p", seen.points.geometric_normal, seen.points.to_viewer))
+        _captured[seen] = Captured(row_of_pixel, 3.0 / np.maximum(slant, 0.1), seen.normal - seen.points.normal)
+    return _captured[seen]

@@ -39,7 +39,14 @@ class Modes:
 
 
 def pack_modes(
-    model: RelightModel, residual: Residual, view: View, order: np.ndarray, pixel_of_rank: np.ndarray, precision: str
+    model: RelightModel,
+    residual: Residual,
+    view: View,
+    order: np.ndarray,
+    pixel_of_rank: np.ndarray,
+    start: np.ndarray,
+    to_viewer: Float32[np.ndarray, "3 point"],
+    precision: str,
 ) -> Modes:
     """The modes in the order in which the view walks its pixels, or the captured points theirs."""
     captured = view.camera.same_as(model.camera)
@@ -50,7 +57,9 @@ def pack_modes(
         source, share = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
     else:
         rows = np.arange(len(model.pixels.points), dtype=np.int32)
-        source, share = _faded(model, view, order)
+        counts = np.diff(start)
+        part = np.repeat((1 / counts).astype(np.float32), counts)
+        source, share = _faded(model, view, order, part, to_viewer)
     kept = _blocks.setdefault(residual, {})
     key = (captured, precision)  # the captured view has one order, all others share another
     if key not in kept:
@@ -61,15 +70,15 @@ def pack_modes(
     return Modes(lit, dark, lit_step, dark_step, source, share)
 
 
-def _faded(model: RelightModel, view: View, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """forward.residual_source for a view that is not the captured one, over the points of each pixel."""
-    counts = np.bincount(view.points.pixel, minlength=view.camera.num_pixels).astype(np.int32)
+def _faded(
+    model: RelightModel, view: View, order: np.ndarray, part: np.ndarray, to_viewer: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """forward.residual_source for a view that is not the captured one; each point has a part of its pixel's."""
     source, share = np.empty((len(order), 4), np.int32), np.empty((len(order), 4), np.float32)
-    captured = model.pixels.points.to_viewer
+    given = (order, view.source, view.share, model.pixels.points.to_viewer, to_viewer, view.is_mirrored, part)
 
-    def fade(part: slice) -> None:
-        given = (order, view.source, view.share, captured, view.points.to_viewer, view.is_mirrored, view.points.pixel)
-        fade_shares(part.start, part.stop, *given, counts, source, share)
+    def fade(piece: slice) -> None:
+        fade_shares(piece.start, piece.stop, *given, source, share)
 
     over_threads(fade, tiles(len(order)))
     return source, share

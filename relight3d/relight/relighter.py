@@ -110,7 +110,8 @@ class Relighter:
 
 def _view(scene: RayScene, model: RelightModel, camera: Camera, options: RelightOptions) -> View:
     follow = ViewOptions(options.edge_samples, options.max_bounces)
-    if camera.same_as(model.camera) or _engine_class(options.backend) is None:
+    compiled = scene.packets is not None and _engine_class(options.backend) is not None
+    if camera.same_as(model.camera) or not compiled:
         return build_view(scene, model, camera, follow)
     from relight3d.relight.fast_view import build_fast_view
 

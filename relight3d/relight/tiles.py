@@ -1,4 +1,9 @@
-"""How points are dealt to threads."""
+"""In which order pixels are walked, and how points are dealt to threads."""
+
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Int32
 
 from relight3d.tracing import num_threads
 
@@ -11,3 +16,16 @@ def tiles(num: int, multiple: int = 16) -> list[slice]:
     size = max(MIN_TILE, -(-num // (TILES_PER_THREAD * num_threads())))
     size = -(-size // multiple) * multiple
     return [slice(first, min(first + size, num)) for first in range(0, num, size)]
+
+
+@lru_cache(maxsize=8)
+def rank_of_pixel(width: int, height: int) -> Int32[np.ndarray, " pixel"]:
+    """Where each pixel stands when the picture is walked in blocks of 4 x 4; with gaps where blocks stick out."""
+    y, x = np.divmod(np.arange(width * height, dtype=np.int32), np.int32(width))
+    return (((y // 4) * -(-width // 4) + x // 4) * 16 + (y % 4) * 4 + x % 4).astype(np.int32)
+
+
+@lru_cache(maxsize=8)
+def pixel_of_seat(width: int, height: int) -> Int32[np.ndarray, " seat"]:
+    """The pixels in that order, without gaps."""
+    return np.argsort(rank_of_pixel(width, height), kind="stable").astype(np.int32)

@@ -1,6 +1,6 @@
-"""The compiled loops of a new viewpoint: rays to points, and what the captured pixels know about them.
+"""The compiled loops of a new viewpoint: what its points are, and what the captured pixels know about them.
 
-They compute what shading.py and views.py compute, point by point.
+They compute what shading.py and views.py compute, point by point. Vectors of points are planes (3 x point).
 """
 
 import math
@@ -8,49 +8,28 @@ import math
 import numpy as np
 
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
+from relight3d.relight.look_kernels import surface_point
 
 
 @compiled
-def pixel_rays(first, last, corner, right, down, width, directions):
-    """Unit directions through the centres of pixels first..last of a camera without distortion."""
-    for pixel in range(first, last):
-        x, y = pixel % width + 0.5, pixel // width + 0.5
-        dx = corner[0] + x * right[0] + y * down[0]
-        dy = corner[1] + x * right[1] + y * down[1]
-        dz = corner[2] + x * right[2] + y * down[2]
-        inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-        directions[pixel, 0], directions[pixel, 1], directions[pixel, 2] = dx * inverse, dy * inverse, dz * inverse
-
-
-@compiled
-def points_at_hits(
-    first, last, hit, face, u, v, distance, directions, way, faces, vertices, vertex_normals, face_normals,
-    barycentric, position, geometric, normal, to_viewer, depth,
+def place_points(
+    first, last, ray_of_point, part, face, u, v, depth, toward, bounces, tint, mesh, surface_of_face, out_face,
+    barycentric, position, geometric, normal, to_viewer, out_depth, surface, is_mirrored, throughput,
 ):  # fmt: skip
-    """shading._points_along for the rays hit[first..last]; `way` (length 0 for none) is the way before the ray."""
+    """Points first..last where rays end (look_kernels.look); each has a `part` of its pixel."""
     for p in range(first, last):
-        ray = hit[p]
-        f = face[ray]
-        a, b, c = ONE - u[ray] - v[ray], u[ray], v[ray]
-        barycentric[p, 0], barycentric[p, 1], barycentric[p, 2] = a, b, c
-        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-        turned, length = ZERO, ZERO
+        ray = ray_of_point[p]
+        f, b, c = face[ray], u[ray], v[ray]
+        out_face[p], out_depth[p], surface[p], is_mirrored[p] = f, depth[ray], surface_of_face[f], bounces[ray] > 0
+        barycentric[p, 0], barycentric[p, 1], barycentric[p, 2] = ONE - b - c, b, c
+        wx, wy, wz = toward[ray, 0], toward[ray, 1], toward[ray, 2]
+        to_viewer[0, p], to_viewer[1, p], to_viewer[2, p] = -wx, -wy, -wz
+        px, py, pz, gx, gy, gz, nx, ny, nz = surface_point(f, b, c, wx, wy, wz, *mesh)
+        position[0, p], position[1, p], position[2, p] = px, py, pz
+        geometric[0, p], geometric[1, p], geometric[2, p] = gx, gy, gz
+        normal[0, p], normal[1, p], normal[2, p] = nx, ny, nz
         for axis in range(3):
-            to_viewer[p, axis] = -directions[ray, axis]
-            position[p, axis] = a * vertices[i, axis] + b * vertices[j, axis] + c * vertices[k, axis]
-            turned += face_normals[f, axis] * to_viewer[p, axis]
-            normal[p, axis] = a * vertex_normals[i, axis] + b * vertex_normals[j, axis] + c * vertex_normals[k, axis]
-            length += normal[p, axis] * normal[p, axis]
-        side = -ONE if turned < 0 else ONE
-        inverse, along = ONE / max(np.float32(math.sqrt(length)), np.float32(1e-6)), ZERO
-        for axis in range(3):
-            geometric[p, axis] = side * face_normals[f, axis]
-            normal[p, axis] = normal[p, axis] * inverse if length > 1e-12 else geometric[p, axis]
-            along += normal[p, axis] * geometric[p, axis]
-        if along < 0:
-            for axis in range(3):
-                normal[p, axis] = -normal[p, axis]
-        depth[p] = distance[ray] + (way[ray] if len(way) else ZERO)
+            throughput[axis, p] = part[p] * tint[ray, axis]
 
 
 @inlined
@@ -72,12 +51,14 @@ def _image_point(lens, frame, center, x, y, z):
 
 @compiled
 def look_up(
-    first, last, lens, frame, center, width, height, row_of_pixel, seen_position, seen_geometric, seen_viewer,
-    seen_normal, seen_surface, position, normal, surface, source, share,
+    first, last, lens, frame, center, width, height, row_of_pixel, seen_position, seen_reach, seen_normal, seen_surface,
+    position, normal, surface, source, share,
 ):  # fmt: skip
-    """views.look_up for points first..last."""
+    """views.look_up for points first..last; `seen_reach` is how far from a captured point, in footprints of a pixel, it
+    stands for others.
+    """
     for p in range(first, last):
-        x, y, depth = _image_point(lens, frame, center, position[p, 0], position[p, 1], position[p, 2])
+        x, y, depth = _image_point(lens, frame, center, position[0, p], position[1, p], position[2, p])
         x, y = min(max(x, -10.0), width + height + 10.0) - 0.5, min(max(y, -10.0), width + height + 10.0) - 0.5
         left, top = math.floor(x), math.floor(y)
         footprint, total = max(depth, 0.0) / min(lens[0], lens[1]), 0.0
@@ -89,12 +70,11 @@ def look_up(
             found = row_of_pixel[row * width + column]
             if found < 0 or seen_surface[found] != surface[p]:
                 continue
-            apart, slant, alike = 0.0, 0.0, 0.0
+            apart, alike = 0.0, 0.0
             for axis in range(3):
-                apart += (seen_position[found, axis] - position[p, axis]) ** 2
-                slant += seen_geometric[found, axis] * seen_viewer[found, axis]
-                alike += seen_normal[found, axis] * normal[p, axis]
-            if math.sqrt(apart) < 3.0 * footprint / max(abs(slant), 0.1) and alike > 0.7:
+                apart += (seen_position[found, axis] - position[axis, p]) ** 2
+                alike += seen_normal[found, axis] * normal[axis, p]
+            if math.sqrt(apart) < footprint * seen_reach[found] and alike > 0.7:
                 weight = (x - left if k % 2 else 1 - x + left) * (y - top if k // 2 else 1 - y + top)
                 source[p, k], share[p, k] = found, weight
                 total += share[p, k]
@@ -116,38 +96,42 @@ def read_properties(
         gain[p] = value + ONE - known
         length = ZERO
         for axis in range(3):
-            color, turn = (ONE - known) * mean[surface[p], axis], point_normal[p, axis]
+            color, turn = (ONE - known) * mean[surface[p], axis], point_normal[axis, p]
             for k in range(4):
                 if share[p, k] > 0:
                     color += share[p, k] * seen_albedo[source[p, k], axis]
                     turn += share[p, k] * tilt[source[p, k], axis]
-            albedo[p, axis], normal[p, axis] = color, turn
+            albedo[axis, p], normal[axis, p] = color, turn
             length += turn * turn
         inverse = ONE / max(np.float32(math.sqrt(length)), np.float32(1e-6))
         for axis in range(3):
-            normal[p, axis] *= inverse
+            normal[axis, p] *= inverse
 
 
 @compiled
-def steps(first, last, right, down, turn, geometric, to_viewer, depth, step):
-    """views._steps for points first..last; `turn` (length 0 for none) are the mirrors' reflections on the way."""
+def steps(first, last, ways, ray_of_point, bounces, turned, geometric, to_viewer, depth, step):
+    """views._steps for points first..last; `ways` are the camera's, which mirrors have `turned`."""
     for p in range(first, last):
-        facing = ZERO
+        ray, facing = ray_of_point[p], ZERO
         for axis in range(3):
-            facing -= geometric[p, axis] * to_viewer[p, axis]
+            facing -= geometric[axis, p] * to_viewer[axis, p]
         facing = min(facing, np.float32(-0.08))
         for k in range(2):
             slide = ZERO
             for axis in range(3):
-                moved = right[axis] if k == 0 else down[axis]
-                if len(turn):
-                    moved = ZERO
-                    for j in range(3):
-                        moved += turn[p, axis, j] * (right[j] if k == 0 else down[j])
-                step[p, k, axis] = moved * depth[p]
-                slide += geometric[p, axis] * step[p, k, axis]
+                way = turned[ray, k, axis] if bounces[ray] > 0 else ways[k, axis]
+                step[p, k, axis] = way * depth[p]
+                slide += geometric[axis, p] * step[p, k, axis]
             for axis in range(3):
-                step[p, k, axis] += slide / facing * to_viewer[p, axis]
+                step[p, k, axis] += slide / facing * to_viewer[axis, p]
+
+
+@compiled
+def mark_whole(first, last, pixel, is_cut, point_of_pixel):
+    """point_of_pixel[pixel] = the point of each pixel that is not cut, for points first..last."""
+    for p in range(first, last):
+        if not is_cut[pixel[p]]:
+            point_of_pixel[pixel[p]] = p
 
 
 @compiled
@@ -166,10 +150,11 @@ def neighbours(first, last, width, height, pixel, point_of_pixel, surface, is_mi
 
 @compiled
 def fade_shares(
-    first, last, order, source, share, seen_viewer, to_viewer, is_mirrored, pixel, counts, out_source, out_share
+    first, last, order, source, share, seen_viewer, to_viewer, is_mirrored, rank_share, out_source, out_share
 ):
     """forward.residual_source away from the captured view, for the points order[first..last]: faded where the spot is
-    seen from another side than it was photographed (between 8 and 30 degrees), and a share of the pixel's points.
+    seen from another side than it was photographed (between 8 and 30 degrees), and by `rank_share`, the point's of its
+    pixel's points.
     """
     near, far = np.float32(math.cos(math.radians(8))), np.float32(math.cos(math.radians(30)))
     for q in range(first, last):
@@ -180,31 +165,20 @@ def fade_shares(
             if share[p, k] > 0 and not is_mirrored[p]:
                 alike = ZERO
                 for axis in range(3):
-                    alike += seen_viewer[there, axis] * to_viewer[p, axis]
+                    alike += seen_viewer[there, axis] * to_viewer[axis, q]
                 fade = min(max((alike - far) / (near - far), ZERO), ONE)
-                out_share[q, k] = share[p, k] * fade / counts[pixel[p]]
+                out_share[q, k] = share[p, k] * fade * rank_share[q]
 
 
 @compiled
-def pack_points(
-    first, last, order, place, position, geometric, normal, to_viewer, albedo, throughput, gain, step, neighbour, out,
-    out_step, out_neighbour,
-):  # fmt: skip
-    """The points order[first..last] side by side: out[0] to out[5] are position, geometric normal, normal, direction
-    to the viewer, albedo / pi * throughput and lobe gain * throughput. `place` says where each point went.
-    """
+def pack_reflectance(first, last, order, albedo, throughput, gain, diffuse, gloss):
+    """albedo / pi * throughput and lobe gain * throughput of the points order[first..last]; all planes."""
     per_pi = np.float32(1 / math.pi)
-    for q in range(first, last):
-        p = order[q]
-        for axis in range(3):
-            out[0, axis, q], out[1, axis, q] = position[p, axis], geometric[p, axis]
-            out[2, axis, q], out[3, axis, q] = normal[p, axis], to_viewer[p, axis]
-            out[4, axis, q] = albedo[p, axis] * throughput[p, axis] * per_pi
-            out[5, axis, q] = gain[p] * throughput[p, axis]
-            out_step[q, 0, axis], out_step[q, 1, axis] = step[p, 0, axis], step[p, 1, axis]
-        for k in range(4):
-            other = neighbour[p, k]
-            out_neighbour[q, k] = place[other] if other >= 0 else -1
+    for axis in range(3):
+        for q in range(first, last):
+            p = order[q]
+            diffuse[axis, q] = albedo[axis, p] * throughput[axis, p] * per_pi
+            gloss[axis, q] = gain[p] * throughput[axis, p]
 
 
 @compiled
