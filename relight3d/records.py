@@ -351,6 +351,21 @@ class Decision:
     reason: str
 
 
+@dataclass(frozen=True)
+class Price:
+    """One setting of the frames: what it loses against the exact one, and the work that one frame of it takes.
+
+    Work is counted, not timed: the same capture gives the same list on every machine, and a few frames timed where it
+    is used turn the counts into milliseconds (relight.budget).
+    """
+
+    name: str
+    options: Mapping[str, object]  # of RelightOptions, where they differ from the exact setting's
+    error_db: float  # by how much left-out photographs would be missed more than by the exact setting
+    psnr_db: float  # what left-out photographs would be reached with
+    work: Mapping[str, int]  # rays by kind, points, lobes, modes and sites of a frame under one light
+
+
 @dataclass(frozen=True, eq=False)
 class RelightModel:
     """Everything needed to relight a scene, and to say how far to trust it."""
@@ -371,7 +386,7 @@ class RelightModel:
     health: Mapping[str, Health]
     warnings: tuple[str, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
-    prices: tuple[Mapping[str, object], ...] = ()  # measured settings: error, milliseconds, rays
+    prices: tuple[Price, ...] = ()  # settings of the frames, the exact one first
     seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     def save(self, path: str | Path) -> None:

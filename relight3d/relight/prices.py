@@ -1,4 +1,4 @@
-"""A model's own price list: what each cheaper setting saves and what it loses, measured on the model itself.
+"""A model's own price list: what each cheaper setting loses, measured on the model itself, and the work it takes.
 
 The error of a setting is its difference from the exact frame under lights between the photographed ones, where no
 photograph was fitted, on top of the error that the exact frame itself has there. That one is taken from the photographs
@@ -7,10 +7,9 @@ without the residual (which was fitted to them) and from the residual's own gain
     error_db = 10 log10(1 + difference / e0),   e0 = misfit without residual / 10^(residual's gain / 10)
 
 Both are mean squares of display values. The two errors are taken as unrelated; docs/plan.md compares with held-out
-frames.
+frames. Nothing here reads a clock, so the list is as reproducible as the model.
 """
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,51 +18,46 @@ import numpy as np
 
 from relight3d.lights import Light
 from relight3d.maths.color import srgb_from_linear
-from relight3d.records import Capture, RelightModel
-from relight3d.relight.calibrate import fastest_pair_ms, nudged
+from relight3d.records import Capture, Frame, Price, RelightModel
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
+from relight3d.relight.work import nominal_work, work_of
 
-NUM_LIGHTS = 6  # between the photographed ones, at which settings are compared
+NUM_LIGHTS = 5  # between the photographed ones, at which settings are compared
 NUM_PHOTOGRAPHS = 6  # of the training ones, from which the model's own error is taken
-NUM_PAIRS = 5  # of frames that are timed, the exact one and the cheaper one in turn
 
 Changes = Mapping[str, Any]  # of RelightOptions
-Price = Mapping[str, Any]  # name, options, milliseconds, error_db, psnr_db, rays
 
 
 @dataclass(frozen=True, eq=False)
 class Shop:
     """What every setting is compared with."""
 
-    model: RelightModel
     exact: Relighter
     lights: list[list[Light]]
-    wanted: list[np.ndarray]  # the exact frames' display values under them
+    frames: list[Frame]  # the exact ones under them
     own_error: float  # e0
 
 
-def measure_prices(model: RelightModel, capture: Capture, max_seconds: float | None = None) -> tuple[Price, ...]:
-    """The price list of a model, cheapest first: steps away from the exact setting, together and each alone.
+def measure_prices(model: RelightModel, capture: Capture) -> tuple[Price, ...]:
+    """The price list of a model: the exact setting, each step away from it alone, and the steps together.
 
-    First a chain of settings that takes one step after the other in a fixed order, so that a short time still reaches
-    from exact to cheap; then each step alone; then the steps together in the order of what they were found to lose.
-    After `max_seconds` no more setting is begun. Milliseconds are of this machine: a list is rescaled where it is used.
+    They are put together in the order of what they lose for the work they save, so that the list reaches from exact to
+    cheap along its front.
     """
-    start = time.perf_counter()
     shop = _shop(model, capture)
-    prices = [_price(shop, "exact", {})]
-    steps = single_steps(model)
-    waiting = [(_name(changes), changes) for changes in _chain(list(steps.values()))] + list(steps.items())
-    is_ranked = False
-    while waiting and (max_seconds is None or time.perf_counter() - start < max_seconds):
-        name, changes = waiting.pop(0)
-        if changes not in [p["options"] for p in prices]:
-            prices.append(_price(shop, name, changes))
-        if not waiting and not is_ranked:
-            alone = sorted((p for p in prices if p["name"] in steps), key=lambda p: p["error_db"])
-            waiting, is_ranked = [(_name(c), c) for c in _chain([p["options"] for p in alone])], True
-    return tuple(sorted(_on_one_clock(prices), key=lambda price: price["milliseconds"]))
+    exact = _price(shop, "exact", {})
+    alone = [_price(shop, name, changes) for name, changes in single_steps(model).items()]
+
+    def rank(price: Price) -> float:
+        saved = nominal_work(exact.work, exact.work) - nominal_work(price.work, exact.work)
+        return (price.error_db + 1e-3) / max(saved, 1e-9)
+
+    prices = [exact, *alone]
+    for changes in _chain([p.options for p in sorted(alone, key=rank)]):
+        if changes not in [p.options for p in prices]:
+            prices.append(_price(shop, name_of(changes), changes))
+    return tuple(prices)
 
 
 def _chain(steps: Sequence[Changes]) -> list[dict[str, Any]]:
@@ -90,6 +84,8 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
         steps["no residual"] = {"residual": False}
     if num_lobes > 1:
         steps["one lobe a surface"] = {"max_lobes": 1}
+    if num_lobes:
+        steps["no lobes"] = {"max_lobes": 0}
     if any(mirror.throws_light for mirror in model.mirrors):
         steps["no light thrown by mirrors"] = {"thrown": False}
     return steps | {"no shadows": {"shadows": "off"}}
@@ -101,38 +97,30 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
 def _shop(model: RelightModel, capture: Capture) -> Shop:
     exact = Relighter(model, options=RelightOptions())
     lights = lights_between(model)
-    wanted = [_shown(exact, each) for each in lights]
-    return Shop(model, exact, lights, wanted, _own_error(model, capture))
+    return Shop(exact, lights, [exact.render(each) for each in lights], _own_error(exact, model, capture))
 
 
 def _price(shop: Shop, name: str, changes: Changes) -> Price:
-    relighter = Relighter(shop.model, options=replace(RelightOptions(), **changes)) if changes else shop.exact
-    exact_ms, ours_ms = fastest_pair_ms(shop.exact, relighter, NUM_PAIRS)
-    difference = [np.mean((_shown(relighter, each) - w) ** 2) for each, w in zip(shop.lights, shop.wanted)]
-    square = float(np.mean(difference)) if changes else 0.0
-    counted = relighter.render(nudged(shop.lights[0], shop.model.mesh.radius)).stats if shop.lights else None
-    return {
-        "name": name,
-        "options": dict(changes),
-        "milliseconds": ours_ms,
-        "exact_ms": exact_ms,
-        "error_db": float(10 * np.log10(1 + square / shop.own_error)),
-        "psnr_db": float(-10 * np.log10(shop.own_error + square)),
-        "rays": 0 if counted is None else counted.num_rays,
-    }
+    relighter, frames = shop.exact, shop.frames
+    if changes:
+        relighter = shop.exact.with_options(replace(RelightOptions(), **changes))
+        frames = [relighter.render(each) for each in shop.lights]
+    squares = [np.mean((_shown(ours) - _shown(exact)) ** 2) for ours, exact in zip(frames, shop.frames)]
+    square = float(np.mean(squares)) if squares else 0.0
+    return Price(
+        name=name,
+        options=dict(changes),
+        error_db=float(10 * np.log10(1 + square / shop.own_error)),
+        psnr_db=float(-10 * np.log10(shop.own_error + square)),
+        work=work_of(relighter, [frame.stats for frame in frames]),
+    )
 
 
-def _on_one_clock(prices: list[Price]) -> list[Price]:
-    """Each setting's time by the exact one beside it, times one exact time: the machine's other work drops out."""
-    exact_ms = float(np.median([p["exact_ms"] for p in prices]))
-    return [{**p, "exact_ms": exact_ms, "milliseconds": p["milliseconds"] / p["exact_ms"] * exact_ms} for p in prices]
-
-
-def _own_error(model: RelightModel, capture: Capture) -> float:
+def _own_error(exact: Relighter, model: RelightModel, capture: Capture) -> float:
     """The mean square of display values that the exact frame is thought to miss left-out photographs by."""
     from relight3d.io.capture import read_photograph
 
-    plain = Relighter(model, options=RelightOptions(residual=False))
+    plain = exact.with_options(RelightOptions(residual=False))
     photographs = capture.split("train")
     chosen = np.unique(np.linspace(0, len(photographs) - 1, NUM_PHOTOGRAPHS).round().astype(int))
     squares = []
@@ -147,8 +135,7 @@ def _own_error(model: RelightModel, capture: Capture) -> float:
     return max(float(np.mean(squares)) * 10 ** (-float(gain) / 10), 1e-10) if squares else 1e-4
 
 
-def _shown(relighter: Relighter, lights: list[Light]) -> np.ndarray:
-    frame = relighter.render(lights)
+def _shown(frame: Frame) -> np.ndarray:
     return srgb_from_linear(frame.radiance[frame.is_hit] * np.float32(frame.exposure))
 
 
@@ -176,16 +163,17 @@ def _half_way(a: Light, b: Light) -> Light:
 
 
 def joined(changes: Changes, more: Changes) -> dict[str, Any]:
-    """Both changes; of two answers to one question the rougher, which comes later, and no answer to a question gone."""
+    """Both changes; of two answers to one question the rougher, and no answer to a question that is gone."""
     out = {**changes, **more}
+    for name in ("max_modes", "max_lobes"):
+        if name in changes and name in more:
+            out[name] = min(changes[name], more[name])
     if out.get("residual") is False:
         out = {k: v for k, v in out.items() if k not in ("max_modes", "precision")}
-    if "max_modes" in changes and "max_modes" in more:
-        out["max_modes"] = min(changes["max_modes"], more["max_modes"])
     if "off" in (changes.get("shadows"), more.get("shadows")):
         out = {k: v for k, v in out.items() if k not in ("lattice_px", "borders")} | {"shadows": "off"}
     return out
 
 
-def _name(changes: Changes) -> str:
+def name_of(changes: Changes) -> str:
     return ", ".join(f"{key}={value}" for key, value in changes.items())

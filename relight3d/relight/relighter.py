@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
@@ -32,8 +33,9 @@ _scenes: "WeakKeyDictionary[PatchMesh, RayScene]" = WeakKeyDictionary()
 class Relighter:
     """Relights a model from one viewpoint: the captured one, or `camera`.
 
-    Settings come from `options`, or from a `preset` ("fast", "balanced", "exact"), or from `budget_ms`: the most
-    accurate preset whose frame fits the time on this machine. Raises InputError for two of them at once.
+    Settings come from `options`, or from a `preset` ("fast", "balanced", "exact"), or from the model's price list: the
+    most accurate whose frame takes `budget_ms` on this machine, or the cheapest that loses no more than `max_error_db`,
+    or the cheapest of those within the budget. Raises InputError for two of these at once.
     """
 
     def __init__(
@@ -43,20 +45,31 @@ class Relighter:
         options: RelightOptions | None = None,
         budget_ms: float | None = None,
         preset: str | None = None,
+        max_error_db: float | None = None,
     ) -> None:
-        from relight3d.relight.budget import one_of_three, preset_for, within_budget
+        from relight3d.relight.budget import check_wish, preset_for, within
 
-        one_of_three(options, budget_ms, preset)
+        check_wish(options, preset, budget_ms, max_error_db)
         self.given_model = model
         self._notes: tuple[str, ...] = ()
         self._apply(options or preset_for(model, preset or "exact"), camera or model.camera)
-        if budget_ms is not None:
-            chosen, self._notes = within_budget(self, budget_ms)
+        if budget_ms is not None or max_error_db is not None:
+            chosen, self._notes = within(self, budget_ms, max_error_db)
             self._apply(chosen, self.camera)
 
+    def with_options(self, options: RelightOptions) -> "Relighter":
+        """A relighter of the same model and camera with other options, made sooner: what they leave as it is, is shared."""
+        other = copy(self)
+        other._notes = ()
+        if _view_settings(options) == _view_settings(self.options):
+            other.options, other.model = options, restrict(self.given_model, options)
+            other._pack()
+        else:
+            other._apply(options, self.camera)
+        return other
+
     def _apply(self, options: RelightOptions, camera: Camera) -> None:
-        self.options = options
-        self.model = restrict(self.given_model, options)
+        self.options, self.model = options, restrict(self.given_model, options)
         mesh = self.model.mesh
         if mesh not in _scenes:
             _scenes[mesh] = ray_scene(mesh)
@@ -68,9 +81,12 @@ class Relighter:
         start = time.perf_counter()
         self.camera = camera
         self.view = _view(self._scene, self.model, camera, self.options)
+        self._pack()
+        self.view_ms = 1e3 * (time.perf_counter() - start)
+
+    def _pack(self) -> None:
         engine = _engine_class(self.options.backend)
         self._engine = None if engine is None else engine(self._scene, self.model, self.view, self.options)
-        self.view_ms = 1e3 * (time.perf_counter() - start)
 
     def render(self, lights: Iterable[Light]) -> Frame:
         """Linear radiance under the lights (world coordinates)."""
@@ -106,6 +122,11 @@ class Relighter:
         picture = gather_pixels(self.model, self.view, lights, shaded)
         rays = {"shadow": shaded.num_rays, "border": shaded.num_border_rays, "thrown": shaded.num_thrown_rays}
         return np.maximum(sum(picture), 0.0), {"shade": 1e3 * (time.perf_counter() - start)}, rays
+
+
+def _view_settings(options: RelightOptions) -> tuple:
+    """What a view depends on, beside the model and the camera."""
+    return options.edge_samples, options.max_bounces, options.detail, options.backend
 
 
 def _view(scene: RayScene, model: RelightModel, camera: Camera, options: RelightOptions) -> View:

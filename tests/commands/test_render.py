@@ -168,7 +168,7 @@ def test_settings_that_exclude_each_other_are_refused(run, model_file: Path, tmp
     lights = write(tmp_path / "lights.json", light(0.3))
     arguments = ("--lights", lights, "-o", tmp_path / "a.png", "--preset", "fast", "--budget-ms", 5)
     status, _, err = run("render", model_file, *arguments)
-    assert_one_line(status, err, "budget_ms and preset")
+    assert_one_line(status, err, "preset and budget_ms")
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,8 @@ def _few(num: int) -> Outcome:
     assert own < 2 * good_error(), own
     # A lower order stands in where the photographs are fewer than the functions.
     assert model.indirect is None or BASES[model.indirect.basis] <= num
-    return outcome(model, error, f"basis {model.indirect.basis}")
+    basis = "none" if model.indirect is None else model.indirect.basis
+    return outcome(model, error, f"basis {basis}")
 
 
 @case("lights", "1 photograph", "fewer equations than unknowns everywhere")
@@ -89,7 +90,8 @@ def equal_lights() -> Outcome:
     assert own < 2 * good_error(), own
     # Six times the same equation is one: a basis of more than the constant must admit its rank.
     assert model.indirect.basis == "constant" or says_weak(model)
-    return outcome(model, error, f"basis {model.indirect.basis}")
+    basis = "none" if model.indirect is None else model.indirect.basis
+    return outcome(model, error, f"basis {basis}")
 
 
 @case("lights", "lights on one line", "functions across the line are not seen")
@@ -99,7 +101,8 @@ def lights_on_a_line() -> Outcome:
     error = held_out_error(model, capture)
     assert error < GRACEFUL, error
     assert says_weak(model)
-    return outcome(model, error, f"basis {model.indirect.basis}")
+    basis = "none" if model.indirect is None else model.indirect.basis
+    return outcome(model, error, f"basis {basis}")
 
 
 @case("lights", "all below 8 degrees", "grazing light, long shadows, no information from above")
@@ -110,7 +113,8 @@ def grazing_lights() -> Outcome:
     error = held_out_error(model, capture)
     # Albedo from a tenth of the light, tested under full light far outside of what was photographed.
     assert error < 2 * GRACEFUL, error
-    return outcome(model, error, f"basis {model.indirect.basis}")
+    basis = "none" if model.indirect is None else model.indirect.basis
+    return outcome(model, error, f"basis {basis}")
 
 
 @case("lights", "two lights 0.01 degrees apart", "two equal rows, a kriging matrix near singular")
