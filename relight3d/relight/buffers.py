@@ -15,7 +15,7 @@ from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
 from relight3d.relight.modes import Modes, pack_modes
 from relight3d.relight.tiles import rank_of_pixel, tiles
-from relight3d.relight.view_kernels import number_used, pack_reflectance
+from relight3d.relight.view_kernels import number_used, pack_reflectance, read_faces
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
@@ -108,7 +108,7 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
         neighbour=neighbour,
         point_start=start,
         pixel_of_rank=pixel_of_rank,
-        sites=None if model.indirect is None else _sites(model, model.indirect, view, order),
+        sites=None if model.indirect is None else _sites(model, model.indirect, view, order, in_order),
         modes=modes,
         order=order,
     )
@@ -145,10 +145,16 @@ def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
 # --------------------------------------------------------------------------------------- indirect light
 
 
-def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarray) -> Sites:
+def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarray, in_order: bool) -> Sites:
     mesh, points = model.mesh, view.points
     if indirect.site == "vertex":
-        source, share = mesh.faces[points.face[order]], points.barycentric[order]
+        source, share = (
+            np.empty((len(order), 3), np.int32),
+            points.barycentric if in_order else points.barycentric[order],
+        )
+        over_threads(
+            lambda part: read_faces(part.start, part.stop, order, points.face, mesh.faces, source), tiles(len(order))
+        )
         positions = mesh.centered_vertices
     elif indirect.site == "face":
         source, share = points.face[order, None], np.ones((len(order), 1), np.float32)

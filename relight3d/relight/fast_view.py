@@ -9,7 +9,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from relight3d import views
 from relight3d.camera import Camera
@@ -50,8 +50,7 @@ class Captured(NamedTuple):
     """What every viewpoint of a model reads of its captured pixels."""
 
     row_of_pixel: Int32[np.ndarray, " pixel"]  # the captured point of each pixel, -1 for none
-    reach: Float64[np.ndarray, " point"]  # how far it stands for others, in footprints of its pixel
-    tilt: Float32[np.ndarray, "point 3"]  # how far detail turns its normal
+    seen: Float32[np.ndarray, "point column"]  # view_kernels.SEEN_PLACE and on
 
 
 _captured: "WeakKeyDictionary[PixelMap, Captured]" = WeakKeyDictionary()
@@ -167,10 +166,9 @@ class _Looker:
         barycentric, is_mirrored = np.empty((num, 3), np.float32), np.empty(num, bool)
         source, share = np.empty((num, 4), np.int32), np.empty((num, 4), np.float32)
         step, neighbour = np.empty((num, 2, 3), np.float32), np.empty((num, 4), np.int32)
-        seen, eye, captured = model.pixels, model.camera, captured_of(model)
+        eye, captured = model.camera, captured_of(model)
         lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy, eye.k1, eye.k2, eye.p1, eye.p2])
         project = (lens, np.ascontiguousarray(eye.world_from_camera[:3, :3]), eye.center - model.mesh.center)
-        known = (captured.row_of_pixel, seen.points.position, captured.reach, seen.points.normal, seen.surface)
         mean = model.surface_albedo.astype(np.float32)
         point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
 
@@ -181,9 +179,9 @@ class _Looker:
                 position, geometric, mesh_normal, to_viewer, depth, surface, is_mirrored, throughput,
             )  # fmt: skip
             where = (position, mesh_normal, surface)
-            view_kernels.look_up(*ends, *project, eye.width, eye.height, *known, *where, source, share)
-            properties = (mean, seen.albedo, captured.tilt, seen.lobe_gain, mesh_normal)
-            view_kernels.read_properties(*ends, source, share, surface, *properties, albedo, normal, gain)
+            view_kernels.look_up(*ends, *project, eye.width, eye.height, *captured, *where, source, share)
+            out = (albedo, normal, gain)
+            view_kernels.read_properties(*ends, source, share, surface, mean, captured.seen, mesh_normal, *out)
             turns = (self._ways, listed.ray, rays.bounces, rays.turned)
             view_kernels.steps(*ends, *turns, geometric, to_viewer, depth, step)
             view_kernels.mark_whole(*ends, listed.pixel, listed.is_cut, point_of_pixel)
@@ -208,10 +206,14 @@ class _Looker:
 
 def captured_of(model: RelightModel) -> Captured:
     """What viewpoints read of the model's captured pixels, made once."""
-    seen = model.pixels
-    if seen not in _captured:
+    pixels, points = model.pixels, model.pixels.points
+    if pixels not in _captured:
         row_of_pixel = np.full(model.camera.num_pixels, -1, np.int32)
-        row_of_pixel[seen.points.pixel] = np.arange(len(seen.points), dtype=np.int32)
-        slant = np.abs(np.einsum("pi,pi->p", seen.points.geometric_normal, seen.points.to_viewer))
-        _captured[seen] = Captured(row_of_pixel, 3.0 / np.maximum(slant, 0.1), seen.normal - seen.points.normal)
-    return _captured[seen]
+        row_of_pixel[points.pixel] = np.arange(len(points), dtype=np.int32)
+        slant = np.abs(np.einsum("pi,pi->p", points.geometric_normal, points.to_viewer))
+        columns = (
+            points.position, 3.0 / np.maximum(slant, 0.1), points.normal, pixels.surface, pixels.albedo,
+            pixels.lobe_gain, pixels.normal - points.normal, np.zeros(len(points)),
+        )  # fmt: skip
+        _captured[pixels] = Captured(row_of_pixel, np.column_stack(columns).astype(np.float32))
+    return _captured[pixels]

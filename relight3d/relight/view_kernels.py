@@ -10,6 +10,12 @@ import numpy as np
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
 from relight3d.relight.look_kernels import surface_point
 
+# Columns of a captured point's row, one cache line: place, how far it stands for others (in footprints of its pixel),
+# normal, surface; then albedo, lobe gain, and how far detail turns the normal.
+SEEN_PLACE, SEEN_REACH, SEEN_NORMAL, SEEN_SURFACE, SEEN_ALBEDO, SEEN_GAIN, SEEN_TILT, SEEN_COLUMNS = (
+    0, 3, 4, 7, 8, 11, 12, 16,
+)  # fmt: skip
+
 
 @compiled
 def place_points(
@@ -51,61 +57,61 @@ def _image_point(lens, frame, center, x, y, z):
 
 @compiled
 def look_up(
-    first, last, lens, frame, center, width, height, row_of_pixel, seen_position, seen_reach, seen_normal, seen_surface,
-    position, normal, surface, source, share,
-):  # fmt: skip
-    """views.look_up for points first..last; `seen_reach` is how far from a captured point, in footprints of a pixel, it
-    stands for others.
-    """
+    first, last, lens, frame, center, width, height, row_of_pixel, seen, position, normal, surface, source, share
+):
+    """views.look_up for points first..last; `seen` are the captured points, a row each (SEEN_PLACE and on)."""
     for p in range(first, last):
         x, y, depth = _image_point(lens, frame, center, position[0, p], position[1, p], position[2, p])
         x, y = min(max(x, -10.0), width + height + 10.0) - 0.5, min(max(y, -10.0), width + height + 10.0) - 0.5
-        left, top = math.floor(x), math.floor(y)
-        footprint, total = max(depth, 0.0) / min(lens[0], lens[1]), 0.0
+        left, top = int(np.floor(x)), int(np.floor(y))
+        right_part, lower_part = np.float32(x - left), np.float32(y - top)
+        footprint, total = np.float32(max(depth, 0.0) / min(lens[0], lens[1])), ZERO
         for k in range(4):
-            source[p, k], share[p, k] = -1, 0
-            column, row = int(left) + k % 2, int(top) + k // 2
-            if not (0 <= column < width and 0 <= row < height and depth > 0):
+            column, row = left + (k & 1), top + (k >> 1)
+            source[p, k], share[p, k] = -1, ZERO
+            if column < 0 or column >= width or row < 0 or row >= height or not depth > 0:
                 continue
             found = row_of_pixel[row * width + column]
-            if found < 0 or seen_surface[found] != surface[p]:
+            if found < 0 or seen[found, SEEN_SURFACE] != surface[p]:
                 continue
-            apart, alike = 0.0, 0.0
-            for axis in range(3):
-                apart += (seen_position[found, axis] - position[axis, p]) ** 2
-                alike += seen_normal[found, axis] * normal[axis, p]
-            if math.sqrt(apart) < footprint * seen_reach[found] and alike > 0.7:
-                weight = (x - left if k % 2 else 1 - x + left) * (y - top if k // 2 else 1 - y + top)
+            dx = seen[found, SEEN_PLACE] - position[0, p]
+            dy = seen[found, SEEN_PLACE + 1] - position[1, p]
+            dz = seen[found, SEEN_PLACE + 2] - position[2, p]
+            reach = footprint * seen[found, SEEN_REACH]
+            alike = seen[found, SEEN_NORMAL] * normal[0, p] + seen[found, SEEN_NORMAL + 1] * normal[1, p]
+            alike += seen[found, SEEN_NORMAL + 2] * normal[2, p]
+            if dx * dx + dy * dy + dz * dz < reach * reach and alike > np.float32(0.7):
+                weight = right_part if k & 1 else ONE - right_part
+                weight *= lower_part if k >> 1 else ONE - lower_part
                 source[p, k], share[p, k] = found, weight
-                total += share[p, k]
+                total += weight
+        inverse = ONE / max(total, np.float32(0.25))
         for k in range(4):
-            share[p, k] = share[p, k] / max(total, 0.25)
+            share[p, k] *= inverse
 
 
 @compiled
-def read_properties(
-    first, last, source, share, surface, mean, seen_albedo, tilt, seen_gain, point_normal, albedo, normal, gain
-):
+def read_properties(first, last, source, share, surface, mean, seen, point_normal, albedo, normal, gain):
     """Albedo, normal and lobe gain of points first..last: the captured pixels' as far as they know, else the mean's."""
     for p in range(first, last):
-        known, value = ZERO, ZERO
+        known = share[p, 0] + share[p, 1] + share[p, 2] + share[p, 3]
+        rest = ONE - min(max(known, ZERO), ONE)
+        strength = rest
+        red, green, blue = rest * mean[surface[p], 0], rest * mean[surface[p], 1], rest * mean[surface[p], 2]
+        nx, ny, nz = point_normal[0, p], point_normal[1, p], point_normal[2, p]
         for k in range(4):
-            known += share[p, k]
-            value += share[p, k] * seen_gain[max(source[p, k], 0)]
-        known = min(max(known, ZERO), ONE)
-        gain[p] = value + ONE - known
-        length = ZERO
-        for axis in range(3):
-            color, turn = (ONE - known) * mean[surface[p], axis], point_normal[axis, p]
-            for k in range(4):
-                if share[p, k] > 0:
-                    color += share[p, k] * seen_albedo[source[p, k], axis]
-                    turn += share[p, k] * tilt[source[p, k], axis]
-            albedo[axis, p], normal[axis, p] = color, turn
-            length += turn * turn
-        inverse = ONE / max(np.float32(math.sqrt(length)), np.float32(1e-6))
-        for axis in range(3):
-            normal[axis, p] *= inverse
+            if share[p, k] > 0:
+                row, weight = source[p, k], share[p, k]
+                red += weight * seen[row, SEEN_ALBEDO]
+                green += weight * seen[row, SEEN_ALBEDO + 1]
+                blue += weight * seen[row, SEEN_ALBEDO + 2]
+                strength += weight * seen[row, SEEN_GAIN]
+                nx += weight * seen[row, SEEN_TILT]
+                ny += weight * seen[row, SEEN_TILT + 1]
+                nz += weight * seen[row, SEEN_TILT + 2]
+        inverse = ONE / max(np.float32(math.sqrt(nx * nx + ny * ny + nz * nz)), np.float32(1e-6))
+        albedo[0, p], albedo[1, p], albedo[2, p], gain[p] = red, green, blue, strength
+        normal[0, p], normal[1, p], normal[2, p] = nx * inverse, ny * inverse, nz * inverse
 
 
 @compiled
@@ -199,3 +205,11 @@ def number_used(source, new_row, rows):
         for k in range(source.shape[1]):
             source[p, k] = new_row[source[p, k]]
     return count
+
+
+@compiled
+def read_faces(first, last, order, face, faces, source):
+    """The corners of the faces of points order[first..last]."""
+    for q in range(first, last):
+        for k in range(3):
+            source[q, k] = faces[face[order[q]], k]
