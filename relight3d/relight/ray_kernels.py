@@ -6,9 +6,14 @@ tracing.RayScene between two of these.
 
 import numpy as np
 
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, compiled, dot, incident, inlined
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE, compiled, dot, incident, inlined
 
-LIT, DARK, AWAY = 2, 1, 0  # states of a point: lit; turned to the light but shadowed; turned away
+ASKS, LIT, DARK, AWAY = (
+    3,
+    2,
+    1,
+    0,
+)  # states of a point: not yet known; lit; turned to the light but shadowed; turned away
 
 
 @inlined
@@ -32,31 +37,79 @@ def _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
 
 
 @compiled
-def ask(lights, ground, position, geometric, normal, offset, first, last, chosen, state, origins, ways, limits, index):
-    """Which points of first..last need a shadow ray; writes the rays packed from `first` on. Returns how many.
-
-    `chosen` (length 0 for all) leaves points out. Sets `state` to AWAY, or to DARK until the ray is back.
-    """
-    count = first
+def face_light(lights, ground, position, geometric, normal, first, last, state):
+    """The states of points first..last as far as they are known without a ray."""
+    lx, ly, lz = lights[0, PLACE], lights[0, PLACE + 1], lights[0, PLACE + 2]
+    from_above = len(ground) == 0 or lx * ground[1, 0] + ly * ground[1, 1] + lz * ground[1, 2] > 0
+    if lights[0, KIND] == AT_INFINITY and from_above:
+        out = state[first:last]
+        nx, ny, nz = normal[0, first:last], normal[1, first:last], normal[2, first:last]
+        for i in range(len(out)):
+            out[i] = ASKS if nx[i] * lx + ny[i] * ly + nz[i] * lz > 0 else AWAY
+        nx, ny, nz = geometric[0, first:last], geometric[1, first:last], geometric[2, first:last]
+        for i in range(len(out)):
+            out[i] = out[i] if nx[i] * lx + ny[i] * ly + nz[i] * lz > 0 else AWAY
+        return
     for p in range(first, last):
-        if len(chosen) and not chosen[p]:
-            continue
         x, y, z = position[0, p], position[1, p], position[2, p]
         lx, ly, lz, falloff, distance = incident(lights, 0, x, y, z)
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             state[p] = AWAY
+        elif not falloff > 0 or _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
+            state[p] = DARK
+        else:
+            state[p] = ASKS
+
+
+@compiled
+def gather(listed, first, last, state, index):
+    """The points that ask for a ray, among first..last or, if any are, among listed[first..last]. Returns how many."""
+    count = 0
+    if len(listed) == 0:
+        for p in range(first, last):
+            index[count] = p
+            count += state[p] == ASKS
+    else:
+        for p in listed[first:last]:
+            index[count] = p
+            count += state[p] == ASKS
+    return count
+
+
+@compiled
+def spread(between, corners, first, last, state, seen, index):
+    """Points between lattice points that agree take their state; the others ask for a ray. Returns how many do."""
+    count = 0
+    for i in range(first, last):
+        p, agreed = between[i], state[corners[i, 0]]
+        if state[p] != ASKS:
             continue
-        state[p] = DARK
-        if not falloff > 0 or _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
-            continue
-        for axis in range(3):
-            origins[count, axis] = position[axis, p] + geometric[axis, p] * offset
+        if (
+            agreed == AWAY
+            or agreed != state[corners[i, 1]]
+            or agreed != state[corners[i, 2]]
+            or (agreed != state[corners[i, 3]])
+        ):
+            index[count] = p
+            count += 1
+        else:
+            state[p] = agreed
+            seen[p] = FULL if agreed == LIT else 0
+    return count
+
+
+@compiled
+def rays_to_light(lights, position, geometric, offset, index, origins, ways, limits):
+    """A ray from each point of `index` to the light; `ways` and `limits` only for a lamp."""
+    for ray in range(len(index)):
+        p = index[ray]
+        x, y, z = position[0, p], position[1, p], position[2, p]
+        origins[ray, 0] = x + geometric[0, p] * offset
+        origins[ray, 1] = y + geometric[1, p] * offset
+        origins[ray, 2] = z + geometric[2, p] * offset
         if lights[0, KIND] != AT_INFINITY:
-            ways[count, 0], ways[count, 1], ways[count, 2] = lx, ly, lz
-            limits[count] = distance - 2 * offset
-        index[count] = p
-        count += 1
-    return count - first
+            ways[ray, 0], ways[ray, 1], ways[ray, 2], _, distance = incident(lights, 0, x, y, z)
+            limits[ray] = distance - 2 * offset
 
 
 @compiled
@@ -146,26 +199,6 @@ def ask_thrown(
         limits[count], index[count] = reach, p
         count += 1
     return count - first
-
-
-@compiled
-def spread(lights, position, geometric, normal, corners, first, last, chosen, state, seen, asks):
-    """Points between four lattice points that agree take their state; `asks` says which of the others need a ray."""
-    for p in range(first, last):
-        asks[p] = False
-        if chosen[p]:
-            continue
-        lx, ly, lz, falloff, _ = incident(lights, 0, position[0, p], position[1, p], position[2, p])
-        if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
-            continue
-        agreed = state[corners[p, 0]]
-        for k in range(1, 4):
-            if state[corners[p, k]] != agreed:
-                agreed = AWAY
-        asks[p] = agreed == AWAY
-        if agreed != AWAY:
-            state[p] = agreed
-            seen[p] = FULL if agreed == LIT and falloff > 0 else 0
 
 
 @compiled

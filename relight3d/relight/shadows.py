@@ -4,7 +4,7 @@ from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Float32, UInt8
 
 from relight3d.lights import Light
 from relight3d.records import RelightModel
@@ -19,7 +19,8 @@ from relight3d.shading import mirrored_light
 from relight3d.tracing import NO_LIMITS, RayScene, over_threads
 from relight3d.views import BORDER_PATTERN, View
 
-EVERYWHERE = np.zeros(0, bool)
+EVERYWHERE = np.zeros(0, np.int32)
+MIN_CORNERS = 2  # of a lattice cell that must lie on a point's own surface for its state to be read off them
 
 Seen = UInt8[np.ndarray, " point"]
 
@@ -78,34 +79,40 @@ class Shadows:
             over_threads(lambda part: self._unshadowed(light, part, seen), self._tiles)
             return seen
         if shadows == "adaptive":
-            self._cast_on_lattice(light, effect, seen)
+            num = self._cast_on_lattice(light, seen)
         else:
-            self._cast_tiles(light, effect, EVERYWHERE, seen)
+            num = sum(over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles))
+        self.rays[effect] = self.rays.get(effect, 0) + num
         if self._options.borders:
             self.rays["border"] += sum(over_threads(lambda part: self._cast_borders(light, part, seen), self._tiles))
         return seen
 
-    def _cast_tiles(self, light: np.ndarray, effect: str, chosen: Bool[np.ndarray, " chosen"], seen: Seen) -> None:
-        num = sum(over_threads(lambda part: self._cast_tile(light, part, chosen, seen), self._tiles))
-        self.rays[effect] = self.rays.get(effect, 0) + num
-
-    def _cast_tile(self, light: np.ndarray, part: slice, chosen: np.ndarray, seen: Seen) -> int:
-        count = self._ask(light, part, chosen)
-        part = slice(part.start, part.start + count)
-        self._block(light, self._origins[part], self._ways[part], self._limits[part], self._blocked[part])
-        ray_kernels.settle(self._index[part], self._blocked[part], self._state, seen)
-        return count
-
-    def _ask(self, light: np.ndarray, part: slice, chosen: np.ndarray) -> int:
+    def _face(self, light: np.ndarray, part: slice) -> None:
         b = self._buffers
-        geometry = (b.position, b.geometric_normal, b.normal, self._offset, part.start, part.stop)
-        return ray_kernels.ask(
-            light, self._ground, *geometry, chosen, self._state, self._origins, self._ways, self._limits, self._index
-        )
+        geometry = (b.position, b.geometric_normal, b.normal)
+        ray_kernels.face_light(light, self._ground, *geometry, part.start, part.stop, self._state)
 
     def _unshadowed(self, light: np.ndarray, part: slice, seen: Seen) -> None:
-        count = self._ask(light, part, EVERYWHERE)
-        seen[self._index[part.start : part.start + count]] = FULL
+        self._face(light, part)
+        seen[part][self._state[part] == ray_kernels.ASKS] = FULL
+
+    def _cast_tile(self, light: np.ndarray, part: slice, seen: Seen) -> int:
+        self._face(light, part)
+        return self._cast_gathered(light, EVERYWHERE, part, part, seen)
+
+    def _cast_gathered(self, light: np.ndarray, listed: np.ndarray, part: slice, room: slice, seen: Seen) -> int:
+        """A ray for each point of listed[part] that asks, written where there is room for as many."""
+        index = self._index[room]
+        index = index[: ray_kernels.gather(listed, part.start, part.stop, self._state, index)]
+        return self._cast_listed(light, index, room, seen)
+
+    def _cast_listed(self, light: np.ndarray, index: np.ndarray, room: slice, seen: Seen) -> int:
+        b, room = self._buffers, slice(room.start, room.start + len(index))
+        rays = (self._origins[room], self._ways[room], self._limits[room])
+        ray_kernels.rays_to_light(light, b.position, b.geometric_normal, self._offset, index, *rays)
+        self._block(light, *rays, self._blocked[room])
+        ray_kernels.settle(index, self._blocked[room], self._state, seen)
+        return len(index)
 
     def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
         if light[0, KIND] == AT_INFINITY:
@@ -126,43 +133,52 @@ class Shadows:
 
     # ------------------------------------------------------------------------------------- lattice
 
-    def _cast_on_lattice(self, light: np.ndarray, effect: str, seen: Seen) -> None:
-        b, (chosen, corners) = self._buffers, self._lattice
-        self._state[:] = 0
-        self._cast_tiles(light, effect, chosen, seen)
-        asks = np.empty(len(b), bool)
+    def _cast_on_lattice(self, light: np.ndarray, seen: Seen) -> int:
+        always, starts, between, corners = self._lattice
 
-        def spread(part: slice) -> None:
-            geometry = (b.position, b.geometric_normal, b.normal)
-            ray_kernels.spread(light, *geometry, corners, part.start, part.stop, chosen, self._state, seen, asks)
+        def cast_lattice(k: int) -> int:
+            self._face(light, self._tiles[k])
+            return self._cast_gathered(light, always, slice(starts[k], starts[k + 1]), self._tiles[k], seen)
 
-        over_threads(spread, self._tiles)
-        self._cast_tiles(light, effect, asks, seen)
+        def refine(part: slice) -> int:
+            index = self._index[part]
+            index = index[: ray_kernels.spread(between, corners, part.start, part.stop, self._state, seen, index)]
+            return self._cast_listed(light, index, part, seen)
+
+        num = sum(over_threads(cast_lattice, range(len(self._tiles))))
+        return num + sum(over_threads(refine, tiles(len(between))))
 
     @cached_property
-    def _lattice(self) -> tuple[Bool[np.ndarray, " point"], Int32[np.ndarray, "point 4"]]:
-        """Points that always get their ray, and the four lattice points around each other one."""
+    def _lattice(self) -> tuple[np.ndarray, list[int], np.ndarray, np.ndarray]:
+        """Points that always get their ray, where each tile's begin, the other points, and four lattice points about
+        each of those: corners of its cell on the same smooth piece of surface, at least two, repeated to make four.
+        """
         view, b, spacing = self._view, self._buffers, self._options.lattice_px
         camera, pixel = view.camera, view.points.pixel[b.order]
         y, x = np.divmod(pixel, camera.width)
         alone = np.bincount(pixel, minlength=camera.num_pixels)[pixel] == 1
         point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
         point_of_pixel[pixel[alone]] = np.flatnonzero(alone)
-        label = (view.surface * 2 + view.is_mirrored)[b.order]
-        depth = view.points.depth[b.order]
-        corners = np.zeros((len(b), 4), np.int32)
-        between = alone & ((x % spacing != 0) | (y % spacing != 0))
+        between = np.flatnonzero(alone & ((x % spacing != 0) | (y % spacing != 0))).astype(np.int32)
+        label, depth = (view.surface * 2 + view.is_mirrored)[b.order], view.points.depth[b.order]
+        corners = np.full((len(between), 4), -1, np.int32)
         for k in range(4):
-            cx = x // spacing * spacing + spacing * (k % 2)
-            cy = y // spacing * spacing + spacing * (k // 2)
+            cx = x[between] // spacing * spacing + spacing * (k % 2)
+            cy = y[between] // spacing * spacing + spacing * (k // 2)
             inside = (cx < camera.width) & (cy < camera.height)
-            corner = point_of_pixel[np.where(inside, cy * camera.width + cx, 0)]
-            between &= inside & (corner >= 0)
-            corner = np.maximum(corner, 0)
-            between &= (label[corner] == label) & (np.abs(depth[corner] - depth) < 0.06 * depth)
-            between &= np.einsum("ip,ip->p", b.geometric_normal[:, corner], b.geometric_normal) > 0.9
-            corners[:, k] = corner
-        return ~between, corners
+            corner = np.where(inside, point_of_pixel[np.where(inside, cy * camera.width + cx, 0)], -1)
+            at = np.maximum(corner, 0)
+            alike = (label[at] == label[between]) & (np.abs(depth[at] - depth[between]) < 0.06 * depth[between])
+            alike &= np.einsum("ip,ip->p", b.geometric_normal[:, at], b.geometric_normal[:, between]) > 0.9
+            corners[:, k] = np.where(alike, corner, -1)
+        enough = (corners >= 0).sum(axis=1) >= MIN_CORNERS
+        between, corners = between[enough], corners[enough]
+        corners = np.where(corners >= 0, corners, corners.max(axis=1, keepdims=True))
+        is_between = np.zeros(len(b), bool)
+        is_between[between] = True
+        always = np.flatnonzero(~is_between).astype(np.int32)
+        starts = np.searchsorted(always, [*(tile.start for tile in self._tiles), len(b)]).tolist()
+        return always, starts, between, corners.astype(np.int32)
 
     # ------------------------------------------------------------------------------------- table
 
