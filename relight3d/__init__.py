@@ -31,7 +31,7 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
     from relight3d.records import Frame as Frame
     from relight3d.records import RelightModel as RelightModel
     from relight3d.recover.run import RecoverOptions as RecoverOptions
-    from relight3d.recover.run import recover as recover
+    from relight3d.recovery import recover as recover
     from relight3d.relight.relighter import Relighter as Relighter
 
     __version__: str
@@ -39,7 +39,8 @@ if TYPE_CHECKING:  # the same names for editors and type checkers
 _NAMES = {
     "io.capture": ("load_capture", "write_capture"),
     "io.model_file": ("load_model",),
-    "recover.run": ("recover", "RecoverOptions"),
+    "recovery": ("recover",),
+    "recover.run": ("RecoverOptions",),
     "relight.relighter": ("Relighter",),
     "records": ("Capture", "RelightModel", "Frame"),
     "camera": ("Camera", "look_at"),

@@ -479,17 +479,19 @@ def _tangent(stage: Stage, s: int) -> np.ndarray:
 
 def fit_detail(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
     """Normals or lobe gains per pixel (1.3), surface by surface, where left-out photographs gain by them."""
-    options = stage.options.detail
+    general = stage.options.detail
     normal, gain = stage.points.normal.copy(), np.ones(len(stage.points), np.float32)
     evidence = dict(fitted.evidence)
     for s in range(stage.surfaces.num_surfaces):
-        mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
+        mine, options = np.flatnonzero((stage.surface == s) & stage.is_matte), general
+        if ("detail", s) in stage.forced and general.mode == "auto":
+            options = replace(general, mode="normal", min_gain_db=ANY_GAIN)
         if len(mine) < 30 or options.mode == "off" or not stage.forced.get(("detail", s), True):
             continue
         data = _detail_data(stage, observed, mirrors, fitted, mine)
         mode, damping, gain_db = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
-        evidence["detail", s] = Evidence(gain_db, options.min_gain_db, f"{mode}, damping {damping:g}")
-        if gain_db < options.min_gain_db and ("detail", s) not in stage.forced:
+        evidence["detail", s] = Evidence(gain_db, general.min_gain_db, f"{mode}, damping {damping:g}")
+        if gain_db < options.min_gain_db:
             continue
         if mode == "normal":
             normal[mine] = detail.perturb_normals(data, fitted.lobes[s], stage.white, options, damping)

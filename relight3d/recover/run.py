@@ -16,7 +16,7 @@ import numpy as np
 from relight3d.effects import forced_states, parse_force
 from relight3d.errors import InputError
 from relight3d.maths.color import exposure_of
-from relight3d.records import Capture, Mirror, PatchMesh, RelightModel, ShadingPoints, Surfaces
+from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import diffuse, mirror, surfaces, visibility
 from relight3d.recover.assemble import assemble, summary
 from relight3d.recover.detail import DetailOptions
@@ -26,16 +26,18 @@ from relight3d.recover.leftover import with_residual
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
 from relight3d.recover.mirror import MirrorOptions
 from relight3d.recover.residual import ResidualOptions
-from relight3d.recover.rounds import alternate, fit_detail, fit_gloss, fit_mirrors, set_stage, start
+from relight3d.recover.rounds import Fitted, Stage, alternate, fit_detail, fit_gloss, fit_mirrors, set_stage, start
 from relight3d.recover.specular import SpecularOptions
 from relight3d.recover.surfaces import SurfaceOptions
 from relight3d.recover.texture import TextureOptions
 from relight3d.recover.visibility import VisibilityOptions
+from relight3d.recover.visible import display_error, visible_step_db
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
 
 log = logging.getLogger("relight3d")
-STAGES = ("mesh", "photographs", "surfaces", "mirrors", "visibility", "fits", "lobes", "detail", "residual")
+FIRST_FIT = "diffuse and indirect"
+PRICES_SHARE = 0.1  # of the stages' seconds: what the price list after them is expected to take
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,9 @@ class RecoverOptions:
     num_alternations: int = 4  # of albedo and indirect light (trap 3)
     num_rounds: int = 2  # of lobes and detail against the diffuse fits
     force: tuple[str, ...] = ()  # effect=on or off, or effect:surface=off, whatever the evidence says
+    prices: bool = True  # measure what cheaper frames lose: budgets and presets choose by it
+    budget_s: float | None = None  # begin no round, residual or price list that would not be done after so many seconds
+    max_error_db: float | None = None  # no further round after one that lowered the photographs' error by less
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_alternations <= 50:
@@ -63,6 +68,10 @@ class RecoverOptions:
         if not 0 <= self.num_rounds <= 10:
             raise InputError("num_rounds", self.num_rounds, "0 to 10")
         parse_force(self.force)
+        if self.budget_s is not None and not self.budget_s > 0:
+            raise InputError("budget_s", self.budget_s, "a positive number of seconds")
+        if self.max_error_db is not None and not self.max_error_db >= 0:
+            raise InputError("max_error_db", self.max_error_db, "a number of dB, 0 or more")
 
 
 def recover(
@@ -97,21 +106,52 @@ def recover(
             options.visibility, mirrors, found.surface_of_face, surface,
         )  # fmt: skip
     stage = set_stage(options, mesh, rays, capture.camera, points, found, mirrors, observed, photographs.exposure)
-    with clock.stage("diffuse and indirect"):
-        fitted = alternate(stage, observed, mirrors, start(stage, observed))
-    for round_ in range(options.num_rounds):
-        with clock.stage(f"lobes, round {round_ + 1}"):
-            fitted = fit_gloss(stage, observed, mirrors, fitted)
-        with clock.stage(f"detail, round {round_ + 1}"):
-            fitted = fit_detail(stage, observed, mirrors, fitted)
-            mirrors = fit_mirrors(stage, observed, mirrors, fitted)
-        with clock.stage(f"diffuse and indirect, round {round_ + 1}"):
-            fitted = alternate(stage, observed, mirrors, fitted)
+    fitted, mirrors, lost = _fit(stage, observed, mirrors, clock)
     with clock.stage("residual"):
         model = assemble(stage, observed, mirrors, fitted, tests, photographs.exposure)
+        if options.residual.max_modes > 0 and not clock.has_time(options.budget_s, clock.seconds[FIRST_FIT]):
+            lost.append("the residual")
+            stage = replace(stage, options=replace(options, residual=replace(options.residual, max_modes=0)))
         model = with_residual(stage, observed, model)
     log.info("recover: %s", summary(model))
-    return replace(model, seconds=clock.seconds)
+    return replace(model, seconds=clock.seconds, warnings=(*model.warnings, *given_up(options.budget_s, lost)))
+
+
+def _fit(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], clock: "Clock"
+) -> tuple[Fitted, tuple[Mirror, ...], list[str]]:
+    """The first alternation and the rounds, as far as time and error ask for them; and what there was no time for."""
+    options, error = stage.options, None
+    with clock.stage(FIRST_FIT):
+        fitted = alternate(stage, observed, mirrors, start(stage, observed))
+    # A round is lobes, detail and an alternation: until one is timed, it is taken for two alternations. The last stage
+    # takes about one.
+    last_s = clock.seconds[FIRST_FIT]
+    round_s = 2 * last_s
+    for number in range(1, options.num_rounds + 1):
+        if not clock.has_time(options.budget_s, round_s + last_s):
+            lost = [f"round {k} of lobes and detail" for k in range(number, options.num_rounds + 1)]
+            return fitted, mirrors, lost
+        if options.max_error_db is not None:
+            before, error = error, display_error(stage, observed, mirrors, fitted)
+            if before is not None and visible_step_db(before, error) < options.max_error_db:
+                log.info("no round %d: the one before gained less than %g dB", number, options.max_error_db)
+                break
+        begin = time.perf_counter()
+        with clock.stage(f"lobes, round {number}"):
+            fitted = fit_gloss(stage, observed, mirrors, fitted)
+        with clock.stage(f"detail, round {number}"):
+            fitted = fit_detail(stage, observed, mirrors, fitted)
+            mirrors = fit_mirrors(stage, observed, mirrors, fitted)
+        with clock.stage(f"{FIRST_FIT}, round {number}"):
+            fitted = alternate(stage, observed, mirrors, fitted)
+        round_s = time.perf_counter() - begin
+    return fitted, mirrors, []
+
+
+def given_up(budget_s: float | None, lost: list[str]) -> tuple[str, ...]:
+    """The warning that names what a time budget had no room for; none where nothing was lost."""
+    return (f"within the budget of {budget_s:g} s there was no time for {', '.join(lost)}",) if lost else ()
 
 
 class Clock:
@@ -120,6 +160,11 @@ class Clock:
     def __init__(self, progress: Callable[[str, float], None] | None, num_stages: int) -> None:
         self.seconds: dict[str, float] = {}
         self._progress, self._num_stages = progress, num_stages
+        self._start = time.perf_counter()
+
+    def has_time(self, budget_s: float | None, expected_s: float) -> bool:
+        """Whether work of so many seconds would end within the budget; always, without one."""
+        return budget_s is None or time.perf_counter() - self._start + expected_s <= budget_s
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

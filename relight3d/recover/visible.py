@@ -28,8 +28,24 @@ def visible_gain_db(gain_db: float, before: float) -> float:
 
     Nothing visible gains nothing, and no gain is made larger.
     """
-    after = before * 10 ** (-gain_db / 10)
+    return visible_step_db(before, before * 10 ** (-gain_db / 10))
+
+
+def visible_step_db(before: float, after: float) -> float:
+    """By how many dB a mean square of display values fell, as far as one sees it."""
     return float(10 * np.log10((before + JUST_VISIBLE) / (after + JUST_VISIBLE)))
+
+
+def display_error(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> float:
+    """Mean square of display values by which the fits miss the photographs, clear of borders, outlines and mirrors."""
+    direct, total, count = direct_irradiance(stage, observed, mirrors, fitted), 0.0, 0
+    for photo, indirect in enumerate(fitted.irradiance):
+        radiance = fitted.albedo / np.float32(np.pi) * (direct[photo] + indirect)
+        radiance = radiance if fitted.specular is None else radiance + fitted.specular[photo]
+        chosen = stage.is_matte & observed.is_interior & observed.is_safe[photo] & (observed.weight[photo] > 0)
+        miss = displayed(radiance[chosen], stage.white) - displayed(observed.radiance[photo, chosen], stage.white)
+        total, count = total + float((miss.astype(np.float64) ** 2).sum()), count + miss.size
+    return total / max(count, 1)
 
 
 def needed_db(stage: Stage, effect: str, evidence: Evidence) -> float:
