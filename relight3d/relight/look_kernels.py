@@ -23,7 +23,7 @@ from relight3d.packets import (
     call_query,
     empty_packet,
 )
-from relight3d.relight.kernels import ONE, SETTINGS, ZERO, compiled, inlined
+from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
 
 NOTHING, SURROUNDINGS, AMONG_MIRRORS = -1, -2, -3  # in place of a face
 TWO = np.float32(2)
@@ -93,7 +93,7 @@ def _bounce(ray, lane, offset, mesh, u, v, face, toward, turned, normal, rays):
     return toward[ray, 0] * gx + toward[ray, 1] * gy + toward[ray, 2] * gz > 0
 
 
-@numba.njit(**{**SETTINGS, "_nrt": True})  # pyright: ignore[reportCallIssue]
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def look(
     first, last, query, scene, arguments, offset, eye, ways, max_bounces, reflectance, surface_of_face, mesh,
     face, u, v, depth, toward, bounces, tint, turned,
@@ -118,7 +118,7 @@ def look(
             face[ray], depth[ray], bounces[ray] = NOTHING, ZERO, 0
         for bounce in range(max_bounces + 1):
             rays[FAR], words[NUM_RAY_ROWS:] = NEVER, -1
-            call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)
+            call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
             waiting = 0
             for lane in range(count):
                 if active[lane] == 0:

@@ -6,7 +6,7 @@ tracing.RayScene between two of these.
 
 import numpy as np
 
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE, compiled, dot, incident, inlined
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, ONE, PLACE, compiled, dot, incident, inlined
 
 ASKS, LIT, DARK, AWAY = (
     3,
@@ -166,15 +166,39 @@ def settle_borders(index, blocked, num_rays_each, seen):
 
 
 @compiled
+def _near_mirror(lights, plane, offset, position, first, last, is_near):
+    """Which points stand before a mirror and, for a light at infinity, look at it within its disc."""
+    x, y, z, out = position[0, first:last], position[1, first:last], position[2, first:last], is_near[first:last]
+    nx, ny, nz, at = plane[3], plane[4], plane[5], plane[0] * plane[3] + plane[1] * plane[4] + plane[2] * plane[5]
+    for i in range(len(out)):
+        out[i] = x[i] * nx + y[i] * ny + z[i] * nz - at > 0
+    if lights[0, KIND] != AT_INFINITY:
+        return
+    lx, ly, lz = lights[0, PLACE], lights[0, PLACE + 1], lights[0, PLACE + 2]
+    per_height = -ONE / min(lx * nx + ly * ny + lz * nz, np.float32(-1e-6))
+    room = (plane[6] + 8 * offset) ** 2 * np.float32(1.001)  # the exact test comes after
+    for i in range(len(out)):
+        reach = (x[i] * nx + y[i] * ny + z[i] * nz - at) * per_height
+        cx, cy, cz = x[i] + reach * lx - plane[0], y[i] + reach * ly - plane[1], z[i] + reach * lz - plane[2]
+        out[i] &= cx * cx + cy * cy + cz * cz <= room
+
+
+@compiled
 def ask_thrown(
-    lights, real_lights, ground, plane, position, geometric, normal, offset, first, last, origins, ways, limits,
-    crossings, index,
+    lights, real_lights, ground, plane, position, geometric, normal, offset, first, last, is_near, origins, ways,
+    limits, crossings, index,
 ):  # fmt: skip
     """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius), by the conditions of
     shading.cast_thrown: rays to the mirror, their way to it (`limits`) and where they meet it. Returns how many.
     """
+    toward = lights[0, PLACE] * plane[3] + lights[0, PLACE + 1] * plane[4] + lights[0, PLACE + 2] * plane[5]
+    if lights[0, KIND] == AT_INFINITY and not toward < 0:
+        return 0
+    _near_mirror(lights, plane, offset, position, first, last, is_near)
     count = first
     for p in range(first, last):
+        if not is_near[p]:
+            continue
         x, y, z = position[0, p], position[1, p], position[2, p]
         height = (x - plane[0]) * plane[3] + (y - plane[1]) * plane[4] + (z - plane[2]) * plane[5]
         if height <= 4 * offset:

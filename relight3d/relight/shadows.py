@@ -20,7 +20,8 @@ from relight3d.tracing import NO_LIMITS, RayScene, over_threads
 from relight3d.views import BORDER_PATTERN, View
 
 EVERYWHERE = np.zeros(0, np.int32)
-MIN_CORNERS = 2  # of a lattice cell that must lie on a point's own surface for its state to be read off them
+# By lattice spacing: how many corners of a cell must lie on a point's own surface for its state to be read off them.
+MIN_CORNERS = {2: 4, 4: 3}
 
 Seen = UInt8[np.ndarray, " point"]
 
@@ -151,7 +152,7 @@ class Shadows:
     @cached_property
     def _lattice(self) -> tuple[np.ndarray, list[int], np.ndarray, np.ndarray]:
         """Points that always get their ray, where each tile's begin, the other points, and four lattice points about
-        each of those: corners of its cell on the same smooth piece of surface, at least two, repeated to make four.
+        each of those: corners of its cell on the same smooth piece of surface, repeated to make four.
         """
         view, b, spacing = self._view, self._buffers, self._options.lattice_px
         camera, pixel = view.camera, view.points.pixel[b.order]
@@ -171,7 +172,7 @@ class Shadows:
             alike = (label[at] == label[between]) & (np.abs(depth[at] - depth[between]) < 0.06 * depth[between])
             alike &= np.einsum("ip,ip->p", b.geometric_normal[:, at], b.geometric_normal[:, between]) > 0.9
             corners[:, k] = np.where(alike, corner, -1)
-        enough = (corners >= 0).sum(axis=1) >= MIN_CORNERS
+        enough = (corners >= 0).sum(axis=1) >= MIN_CORNERS[spacing]
         between, corners = between[enough], corners[enough]
         corners = np.where(corners >= 0, corners, corners.max(axis=1, keepdims=True))
         is_between = np.zeros(len(b), bool)
@@ -214,32 +215,31 @@ class Shadows:
         virtual, real = light_row(mirrored_light(light, mirror))[None], light_row(light)[None]
         plane = np.array([*mirror.point, *mirror.normal, mirror.radius * 1.001], np.float32)
         geometry = (plane, b.position, b.geometric_normal, b.normal, offset)
-        crossings = np.empty((len(b), 3), np.float32)
-        rays = (self._origins, self._ways, self._limits, crossings, self._index)
-
-        def ask(part: slice) -> slice:
-            ends = (part.start, part.stop)
-            return slice(
-                part.start, part.start + ray_kernels.ask_thrown(virtual, real, self._ground, *geometry, *ends, *rays)
-            )
-
-        parts = over_threads(ask, self._tiles)
+        rays = (self._origins, self._ways, self._limits, np.empty((len(b), 3), np.float32), self._index)
+        front = (mirror.normal * (4 * offset)).astype(np.float32)
+        at_infinity = real[0, KIND] == AT_INFINITY
+        surface_of_face = self._model.surfaces.surface_of_face
         seen = np.zeros(len(b), np.uint8)
-        origins, ways, reach, bounce = (np.concatenate([a[:0], *(a[p] for p in parts)]) for a in rays[:-1])
-        index = np.concatenate([self._index[:0], *(self._index[p] for p in parts)])
-        if len(index) == 0:
-            return seen
-        first = self._scene.first_hit(origins, ways, coherent=True)
-        through = self._model.surfaces.surface_of_face[np.maximum(first.face, 0)] == mirror.surface
-        through &= (first.face >= 0) & (np.abs(first.distance - reach) <= 1e-3 * reach + 16 * offset)
-        bounce = bounce[through] + (mirror.normal * (4 * offset)).astype(np.float32)
-        self.rays["thrown"] += len(index) + len(bounce)
-        if len(bounce):
+
+        def cast(part: slice) -> int:
+            ends = (part.start, part.stop)
+            num = ray_kernels.ask_thrown(virtual, real, self._ground, *geometry, *ends, self._blocked, *rays)
+            if num == 0:
+                return 0
+            origins, ways, reach, crossings, index = (each[part.start : part.start + num] for each in rays)
+            hits = self._scene.first_hit(origins, ways, coherent=True)
+            through = surface_of_face[np.maximum(hits.face, 0)] == mirror.surface
+            through &= (hits.face >= 0) & (np.abs(hits.distance - reach) <= 1e-3 * reach + 16 * offset)
+            bounce = crossings[through] + front
+            if len(bounce) == 0:
+                return num
             onward, _, left = light.incident(bounce)
-            at_infinity = real[0, KIND] == AT_INFINITY
             limit = None if at_infinity else left - 2 * offset
             blocked = self._scene.is_blocked(bounce, onward[:1] if at_infinity else onward, limit)
             seen[index[through][~blocked]] = FULL
+            return num + len(bounce)
+
+        self.rays["thrown"] += sum(over_threads(cast, self._tiles))
         return seen
 
 
