@@ -14,7 +14,7 @@ from relight3d.relight import kernels, pixel_kernels
 from relight3d.relight.buffers import Sites, pack_view
 from relight3d.relight.indirect_kernels import site_irradiance
 from relight3d.relight.light_rows import light_row
-from relight3d.relight.modes import LANES
+from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.shade_kernels import NUM_ROWS
 from relight3d.relight.shadows import Shadows
@@ -26,7 +26,7 @@ from relight3d.views import View
 EMPTY = np.zeros((0, 3), np.float32)
 NO_IMAGES = np.zeros((0, 0, 6), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
-NO_MODES = (np.zeros((0, 0, 3 * LANES), np.float32), NO_WEIGHTS, NO_WEIGHTS)
+NO_MODES = (NO_ROWS, NO_WEIGHTS)
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
 
 
@@ -99,11 +99,11 @@ class Engine:
         over_threads(shade, self._tiles)
 
     def _weighted(self, weights: tuple[np.ndarray, np.ndarray]) -> tuple[tuple, tuple]:
-        """The lit and the dark modes as the kernels read them: blocks, steps, weights by light."""
+        """The lit and the dark modes as the kernels read them: rows, and weights by light."""
         modes = self.buffers.modes
         if modes is None:
             return NO_MODES, NO_MODES
-        return (modes.lit, modes.lit_step, weights[0]), (modes.dark, modes.dark_step, weights[1])
+        return (modes.lit, weights[0]), (modes.dark, weights[1])
 
     # ------------------------------------------------------------------------------------- indirect
 
@@ -161,8 +161,8 @@ class Engine:
             return NO_WEIGHTS, NO_WEIGHTS
         softening = indirect.softening if indirect is not None else 0.5 * self.model.mesh.radius
         pairs = [residual_kernel(residual, light, softening) for light in lights]
-        lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), modes.lit.shape[1])
-        dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), modes.dark.shape[1])
+        lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), len(residual.lit_weights))
+        dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), len(residual.dark_weights))
         return lit, dark
 
     def _residual_images(self, weights: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

@@ -1,41 +1,58 @@
 """The residual's modes, packed for vector registers, and how a view reads them."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Float64, Int32
 
 from relight3d.records import RelightModel, Residual
 from relight3d.relight.tiles import tiles
 from relight3d.relight.view_kernels import fade_shares
+from relight3d.shading import residual_kernel
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
 LANES = 64  # pixels side by side in a block
+UNSEEN = 5e-7  # of white: what a mode may be off by
 
 # A residual's blocks serve every viewpoint; they go when the residual does.
 _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()
 
 
-@dataclass(frozen=True, eq=False)
-class Modes:
-    """The residual's modes in blocks, float32, or int16 in steps of 1/32767 of each mode's peak in its block.
+class Rows(NamedTuple):
+    """One state's modes: rows of values, a few for each block of pixels; value = entry * step.
 
-    At the captured view block rows are ranks, and `source` is empty; elsewhere they are the captured points, which each
-    point of the view reads by `source` and `share`.
+    In int16 a mode has steps of 1/32767 of its peak in the block. Where a step could be seen, a second row of the same
+    mode holds what the first leaves; where all of it could not, it has no row.
     """
 
-    lit: np.ndarray  # block x mode x (3 LANES)
-    dark: np.ndarray
-    lit_step: Float32[np.ndarray, "block lit"]
-    dark_step: Float32[np.ndarray, "block dark"]
+    entries: np.ndarray  # row x (3 LANES), float32 or int16
+    step: Float32[np.ndarray, " row"]
+    mode: Int32[np.ndarray, " row"]  # whose weight the row has
+    start: Int32[np.ndarray, " block_and_end"]  # the rows of block b: start[b] to start[b + 1]
+
+
+NO_ROWS = Rows(
+    np.zeros((0, 3 * LANES), np.int16), np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(1, np.int32)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The residual's modes. At the captured view blocks are of ranks, and `source` is empty; elsewhere they are of
+    captured points, which each point of the view reads by `source` and `share`.
+    """
+
+    lit: Rows
+    dark: Rows
     source: Int32[np.ndarray, "point 4"]
     share: Float32[np.ndarray, "point 4"]
 
     @property
     def num_bytes(self) -> int:
-        return sum(each.nbytes for each in (self.lit, self.dark, self.lit_step, self.dark_step))
+        return sum(part.nbytes for part in (*self.lit, *self.dark, self.source, self.share))
 
 
 def pack_modes(
@@ -63,11 +80,24 @@ def pack_modes(
     kept = _blocks.setdefault(residual, {})
     key = (captured, precision)  # the captured view has one order, all others share another
     if key not in kept:
-        lit, lit_step = _in_blocks(residual.lit_modes, rows, precision)
-        dark, dark_step = _in_blocks(residual.dark_modes, rows, precision)
-        kept[key] = (lit, dark, lit_step, dark_step)
-    lit, dark, lit_step, dark_step = kept[key]
-    return Modes(lit, dark, lit_step, dark_step, source, share)
+        lit_loudness, dark_loudness = _loudness(model, residual)
+        unseen = UNSEEN / model.exposure
+        kept[key] = (
+            _in_blocks(residual.lit_modes, rows, precision, lit_loudness / unseen),
+            _in_blocks(residual.dark_modes, rows, precision, dark_loudness / unseen),
+        )
+    return Modes(*kept[key], source, share)
+
+
+def _loudness(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.ndarray]:
+    """The most that a light of the capture makes of each mode, lit and dark; the weights' own size without lights."""
+    softening = model.indirect.softening if model.indirect is not None else 0.5 * model.mesh.radius
+    lights = [light for photograph in model.lights for light in photograph if np.any(light.power > 0)]
+    if not lights:
+        return np.abs(residual.lit_weights).sum(axis=1), np.abs(residual.dark_weights).sum(axis=1)
+    each = [(residual_kernel(residual, light, softening), float(np.max(light.power))) for light in lights]
+    lit, dark = (np.max([np.abs(pair[k]) * power for pair, power in each], axis=0) for k in (0, 1))
+    return lit, dark
 
 
 def _faded(
@@ -84,20 +114,35 @@ def _faded(
     return source, share
 
 
-def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str) -> tuple[np.ndarray, np.ndarray]:
-    """modes[rows] as block x mode x (3 LANES), and the steps; rows below 0 and the padding are zero."""
-    num_blocks, num_modes, short = -(-len(rows) // LANES), modes.shape[1], precision == "int16"
-    out = np.empty((num_blocks, num_modes, 3 * LANES), np.int16 if short else np.float32)
-    step = np.ones((num_blocks, num_modes), np.float32)
+def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"]) -> Rows:
+    """modes[rows] by blocks; rows below 0 and the padding are zero. What is below 1 / loudness cannot be seen."""
+    num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
+    parts: list[tuple[np.ndarray, ...]] = []
     for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
         part = rows[first * LANES : (first + 256) * LANES]
-        padded = np.zeros((-(-len(part) // LANES) * LANES, num_modes, 3), np.float32)
+        count = -(-len(part) // LANES)
+        padded = np.zeros((count * LANES, num_modes, 3), np.float32)
         padded[: len(part)] = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
-        count = len(padded) // LANES  # said outright: a state without modes leaves nothing to infer it from
         blocks = padded.reshape(count, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(count, num_modes, 3 * LANES)
-        if short:
-            peak = np.maximum(np.abs(blocks).max(axis=2), np.float32(1e-30))
-            step[first : first + 256] = peak / np.float32(32767)
-            blocks = np.rint(blocks / step[first : first + 256, :, None])
-        out[first : first + 256] = blocks
-    return out, step
+        if precision == "int16":
+            parts.append(_quantised(blocks, loudness))
+        else:
+            steps, kept = np.ones((count, num_modes), np.float32), np.ones((count, num_modes), bool)
+            parts.append((blocks[kept], steps[kept], np.nonzero(kept)[1], kept.sum(axis=1)))
+    if not parts:
+        return NO_ROWS
+    entries, step, mode, counts = (np.concatenate(each) for each in zip(*parts))
+    return Rows(entries, step, mode.astype(np.int32), np.append(0, np.cumsum(counts)).astype(np.int32))
+
+
+def _quantised(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows in int16, their steps and modes, and how many each block has."""
+    num_modes = blocks.shape[1]
+    peak = np.abs(blocks).max(axis=2)
+    step = np.maximum(peak, np.float32(1e-30)) / np.float32(32767)
+    coarse = np.rint(blocks / step[..., None])
+    finer = step / np.float32(65000)  # half a step, and room for rounding
+    fine = np.rint((blocks - coarse * step[..., None]) / finer[..., None])
+    both, steps = np.concatenate([coarse, fine], axis=1).astype(np.int16), np.concatenate([step, finer], axis=1)
+    kept = np.concatenate([peak * loudness > 1, step / 2 * loudness > 1], axis=1)
+    return both[kept], steps[kept], np.nonzero(kept)[1] % max(num_modes, 1), kept.sum(axis=1)

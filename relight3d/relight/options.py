@@ -33,7 +33,7 @@ class RelightOptions:
     residual: bool = True  # the interpolated misfit of the captured pixels
     max_modes: int = 64  # of the residual, the strongest first
     backend: Backend = "auto"  # numba where it is installed, else the NumPy reference
-    precision: Precision = "float32"  # of the residual's modes; int16 halves them (steps of 1/32767 of a mode's peak)
+    precision: Precision = "int16"  # of the residual's modes; finer where a step of it could be seen; or float32
     keep_lights: int = 8  # lights whose shadows are kept for frames that only change colours; a frame's own always are
 
     def __post_init__(self) -> None:
@@ -61,8 +61,8 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(shadows="adaptive", lattice_px=4, edge_samples=1, max_modes=8, precision="int16"),
-    "balanced": RelightOptions(shadows="adaptive", precision="int16"),
+    "fast": RelightOptions(shadows="adaptive", lattice_px=4, edge_samples=1, max_modes=8),
+    "balanced": RelightOptions(shadows="adaptive"),
     "exact": RelightOptions(),
 }
 

@@ -11,15 +11,16 @@ PIXELS, SUM, LIT_PART, DARK_PART, NUM_PIXEL_ROWS = 0, 3, 6, 7, 8
 
 
 @compiled
-def _add_modes(modes, step, block, weights, light, share, colors, pixels):
-    """Adds a block's modes, weighted for one light, to its pixels, each by its share."""
+def _add_modes(rows, block, weights, light, share, colors, pixels):
+    """Adds a block's modes (modes.Rows), weighted for one light, to its pixels, each by its share."""
+    entries, step, mode, start = rows
     total = pixels[SUM : SUM + 3].reshape(3 * LANES)
     for i in range(3 * LANES):
         total[i] = ZERO
-    for k in range(weights.shape[1]):
-        weight, mode = weights[light, k] * step[block, k], modes[block, k]
+    for row in range(start[block], start[block + 1]):
+        weight, values = weights[light, mode[row]] * step[row], entries[row]
         for i in range(3 * LANES):
-            total[i] += weight * np.float32(mode[i])
+            total[i] += weight * np.float32(values[i])
     for c in range(3):
         color, out, mine = colors[light, COLOR + c], pixels[PIXELS + c], pixels[SUM + c]
         for lane in range(LANES):
@@ -52,14 +53,14 @@ def _parts(first, last, start, seen, light, pixels):
 def _add_residual(first, last, start, lights, seen, lit, dark, pixels):
     """The residual of a block of the captured view: lit and dark modes by how far each pixel sees the light.
 
-    `lit` and `dark` are modes, steps, and weights by light.
+    `lit` and `dark` are rows of modes, and weights by light.
     """
-    for light in range(len(lit[2])):
+    for light in range(len(lit[1])):
         any_lit, any_dark = _parts(first, last, start, seen, light, pixels)
         if any_lit:
-            _add_modes(lit[0], lit[1], first // LANES, lit[2], light, pixels[LIT_PART], lights, pixels)
+            _add_modes(lit[0], first // LANES, lit[1], light, pixels[LIT_PART], lights, pixels)
         if any_dark:
-            _add_modes(dark[0], dark[1], first // LANES, dark[2], light, pixels[DARK_PART], lights, pixels)
+            _add_modes(dark[0], first // LANES, dark[1], light, pixels[DARK_PART], lights, pixels)
 
 
 @inlined
@@ -100,7 +101,7 @@ def shade(
         for block in range(begin, end, LANES):
             stop = min(block + LANES, end)
             _add_up(start, block, stop, a, work, pixels)
-            if len(lit[2]):
+            if len(lit[1]):
                 _add_residual(block, stop, start, lights, seen, lit, dark, pixels)
             for r in range(block, stop):
                 for c in range(3):
@@ -120,9 +121,9 @@ def residual_images(first, last, lit, dark, light, ones, pixels, images):
         for state in range(2):
             pixels[PIXELS : PIXELS + 3] = ZERO
             if state == 0:
-                _add_modes(lit[0], lit[1], block, lit[2], light, share, ones, pixels)
+                _add_modes(lit[0], block, lit[1], light, share, ones, pixels)
             else:
-                _add_modes(dark[0], dark[1], block, dark[2], light, share, ones, pixels)
+                _add_modes(dark[0], block, dark[1], light, share, ones, pixels)
             for lane in range(min(LANES, len(images) - LANES * block)):
                 for c in range(3):
                     images[LANES * block + lane, 3 * state + c] = pixels[PIXELS + c, lane]
