@@ -86,7 +86,8 @@ def pack_modes(
             _in_blocks(residual.lit_modes, rows, precision, lit_loudness / unseen),
             _in_blocks(residual.dark_modes, rows, precision, dark_loudness / unseen),
         )
-    return Modes(*kept[key], source, share)
+    lit, dark = kept[key]
+    return Modes(lit, dark, source, share)
 
 
 def _loudness(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.ndarray]:

@@ -226,7 +226,8 @@ class Shadows:
             num = ray_kernels.ask_thrown(virtual, real, self._ground, *geometry, *ends, self._blocked, *rays)
             if num == 0:
                 return 0
-            origins, ways, reach, crossings, index = (each[part.start : part.start + num] for each in rays)
+            asked = slice(part.start, part.start + num)
+            origins, ways, reach, crossings = (each[asked] for each in rays[:-1])
             hits = self._scene.first_hit(origins, ways, coherent=True)
             through = surface_of_face[np.maximum(hits.face, 0)] == mirror.surface
             through &= (hits.face >= 0) & (np.abs(hits.distance - reach) <= 1e-3 * reach + 16 * offset)
@@ -236,7 +237,7 @@ class Shadows:
             onward, _, left = light.incident(bounce)
             limit = None if at_infinity else left - 2 * offset
             blocked = self._scene.is_blocked(bounce, onward[:1] if at_infinity else onward, limit)
-            seen[index[through][~blocked]] = FULL
+            seen[self._index[asked][through][~blocked]] = FULL
             return num + len(bounce)
 
         self.rays["thrown"] += sum(over_threads(cast, self._tiles))

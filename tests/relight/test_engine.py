@@ -163,6 +163,21 @@ def test_an_absent_effect_takes_no_ray_and_no_array() -> None:
 # ----------------------------------------------------------------------------------------------- soft light
 
 
+def test_a_panel_thrown_by_a_mirror_equals_the_reference() -> None:
+    """The virtual panel faces the other way: with the real one's normal nothing would be thrown."""
+    model = models.full()
+    mirror = next(mirror for mirror in model.mirrors if mirror.throws_light)
+    place = mirror.point + model.mesh.center + 0.8 * mirror.normal + np.array([0.0, 0.0, 0.5])
+    across = np.cross(mirror.normal, [0.0, 0.0, 1.0])  # across x up points at the mirror
+    panel = RectangleLight(tuple(place), 3.0, tuple(0.2 * across), (0.0, 0.0, 0.2))
+    lights = panel.samples(4)
+    assert Relighter(model).render(lights).stats.rays["thrown"] > 0
+    assert_equal_frames(model, lights)
+    dark = replace(model, mirrors=tuple(replace(each, throws_light=False) for each in model.mirrors))
+    gain = Relighter(model).render(lights).radiance - Relighter(dark).render(lights).radiance
+    assert gain.max() > 0.01 / model.exposure
+
+
 @pytest.mark.parametrize(
     "light",
     [SphereLight((0.4, -0.3, 1.2), 2.0, 0.2), RectangleLight((0.4, -0.3, 1.2), 2.0, (0.3, 0, 0), (0, -0.3, 0))],
