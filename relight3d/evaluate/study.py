@@ -9,7 +9,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,10 @@ from relight3d.io.files import hash_of, read_bytes, write_json
 from relight3d.io.model_file import load_model
 from relight3d.records import Capture, RelightModel
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.prices import measure_prices
 from relight3d.relight.relighter import Relighter
 
-FORMAT = 1  # of the kept measurements: another number measures anew
+FORMAT = 2  # of the kept measurements: another number measures anew
 QUICK_BUDGET_S = 450.0
 FULL = Setting(RECOVERY, "pixels", "full resolution")
 Report = Callable[[str, float], None]
@@ -148,8 +149,9 @@ class _Run:
             if path is not None and path.is_file():
                 self._model = load_model(path)
             else:
-                point, self._model = measure_recovery(self._full, self._capture, self._judge(RENDER))
+                point, model = measure_recovery(self._full, self._capture, self._judge(RENDER))
                 self._keep(self._full, asdict(point))
+                self._model = replace(model, prices=measure_prices(model, self._capture))
                 if path is not None:
                     self._model.save(path)
         return self._model

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from relight3d.evaluate.study_measure import Point
+from relight3d.evaluate.study_measure import NUM_REPEATS, Point
 from relight3d.evaluate.study_settings import RECOVERY, RENDER
 
+SAME_DB = 0.01  # figures that differ by less are the same
 COSTS = {RECOVERY: "recovery_s", RENDER: "frame_ms"}
 
 
@@ -18,10 +19,20 @@ def cost_of(point: Point) -> float:
     return float(getattr(point, COSTS[point.family]) or 0.0)
 
 
-def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ...]]:
-    """The points, and for each the name of one that is as cheap and as accurate and better in one; "" on the front.
+def cost_error(point: Point) -> float:
+    """The standard error of a frame's median time, from the quartiles of its repeats; 0 for a cost without repeats."""
+    if point.family != RENDER or point.frame_low_ms is None or point.frame_high_ms is None:
+        return 0.0
+    # Of a normal scatter: sigma = quartile range / 1.35, and a median's error is 1.25 sigma / sqrt(n).
+    return 0.93 * (point.frame_high_ms - point.frame_low_ms) / NUM_REPEATS**0.5
 
-    Of several, the most accurate names it.
+
+def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ...]]:
+    """The points, and for each the name of one that is as cheap and as accurate and clearly better in one; "" on the
+    front.
+
+    Clearly: by more than the error of its own median time, or by more than SAME_DB. Of several, the most accurate names
+    it.
     """
     names = []
     for point in points:
@@ -30,7 +41,7 @@ def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ..
             for o in points
             if cost_of(o) <= cost_of(point)
             and o.psnr_db >= point.psnr_db
-            and (cost_of(o), o.psnr_db) != (cost_of(point), point.psnr_db)
+            and (cost_of(point) - cost_of(o) > cost_error(point) or o.psnr_db - point.psnr_db > SAME_DB)
         ]
         best = max(better, key=lambda o: o.psnr_db, default=None)
         names.append("" if best is None else f"{best.factor}: {best.name}")

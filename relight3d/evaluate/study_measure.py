@@ -97,7 +97,7 @@ def point_of(setting: Setting, metrics: Metrics, **figures) -> Point:
 
 def measure_render(setting: Setting, model: RelightModel, judge: Judge, default: Relighter) -> Point:
     """A render setting of one model, timed in turn with the default."""
-    options = setting.relight_options()
+    options = setting.relight_options(model)
     camera = resized(model.camera, setting.resolution)
     relighter = default if setting.is_default else Relighter(model, camera=camera, options=options)
     timed = time_in_turn(default, relighter)

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, TypeVar
 
+from relight3d.records import RelightModel
 from relight3d.recover.run import RecoverOptions
-from relight3d.relight.options import PRESETS, RelightOptions
+from relight3d.relight.budget import preset_for
+from relight3d.relight.options import RelightOptions
 
 Options = TypeVar("Options")
 RECOVERY, RENDER = "recovery", "render"
@@ -15,7 +17,8 @@ RECOVERY, RENDER = "recovery", "render"
 class Setting:
     """One rung. `changes` are of RecoverOptions ("indirect.basis") or of RelightOptions ("shadows"), by family.
 
-    `photographs` keeps so many of the training ones; `resolution` is the frame's, relative to the capture's.
+    `photographs` keeps so many of the training ones; `resolution` is the frame's, relative to the capture's; `preset`
+    is a point of the model's own price list.
     """
 
     family: str
@@ -24,15 +27,18 @@ class Setting:
     changes: Mapping[str, Any] = field(default_factory=dict)
     photographs: int | None = None
     resolution: float = 1.0
+    preset: str | None = None
 
     @property
     def is_default(self) -> bool:
-        return not self.changes and self.photographs is None and self.resolution == 1.0
+        return not self.changes and self.photographs is None and self.resolution == 1.0 and self.preset is None
 
     def recover_options(self) -> RecoverOptions:
         return changed(RecoverOptions(), self.changes if self.family == RECOVERY else {})
 
-    def relight_options(self) -> RelightOptions:
+    def relight_options(self, model: RelightModel) -> RelightOptions:
+        if self.preset is not None:
+            return preset_for(model, self.preset)
         return changed(RelightOptions(), self.changes if self.family == RENDER else {})
 
 
@@ -50,9 +56,7 @@ def ladder(num_photographs: int, quick: bool) -> list[Setting]:
     """All settings, the most telling first, so that a short time budget leaves out the least."""
     render = [_render(*row) for row in _RENDER if not (quick and row[0] in _LONG)]
     render += [Setting(RENDER, "resolution", f"frames at {r:.0%}", resolution=r) for r in (0.5, 0.71)]
-    render += [
-        Setting(RENDER, "combined", f"preset {name}", _changes_of(PRESETS[name])) for name in ("balanced", "fast")
-    ]
+    render += [Setting(RENDER, "combined", f"preset {name}", preset=name) for name in ("balanced", "fast")]
     counts = [n for n in ((6, 12) if quick else (4, 6, 8, 12, 16, 20)) if n < num_photographs]
     recovery = [Setting(RECOVERY, "photographs", f"{n} photographs", photographs=n) for n in counts]
     rows = _RECOVERY_FIRST + ([] if quick else _RECOVERY_REST)
@@ -70,12 +74,6 @@ def _render(factor: str, name: str, changes: Mapping[str, Any]) -> Setting:
     return Setting(RENDER, factor, name, changes)
 
 
-def _changes_of(options: RelightOptions) -> dict[str, Any]:
-    default = RelightOptions()
-    names = options.__dataclass_fields__
-    return {name: getattr(options, name) for name in names if getattr(options, name) != getattr(default, name)}
-
-
 _LONG = ("backend", "bounces")  # factors that a quick study leaves out
 _RENDER: list[tuple[str, str, dict[str, Any]]] = [
     ("shadows", "lattice of 2 px", {"shadows": "adaptive"}),
@@ -88,7 +86,7 @@ _RENDER: list[tuple[str, str, dict[str, Any]]] = [
     ("residual", "none", {"residual": False}),
     ("residual", "3 modes", {"max_modes": 3}),
     ("residual", "8 modes", {"max_modes": 8}),
-    ("residual", "int16", {"precision": "int16"}),
+    ("residual", "float32", {"precision": "float32"}),
     ("lobes", "none", {"max_lobes": 0}),
     ("lobes", "1 a surface", {"max_lobes": 1}),
     ("detail", "none", {"detail": False}),

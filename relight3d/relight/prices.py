@@ -75,7 +75,6 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
     num_modes = 0
     if model.residual is not None:
         num_modes = max(model.residual.lit_modes.shape[1], model.residual.dark_modes.shape[1])
-        steps["residual in int16"] = {"precision": "int16"}
     steps |= {f"{k} modes of the residual": {"max_modes": k} for k in (8, 3) if k < num_modes}
     if len(model.mirrors) > 1 or any(not mirror.is_plane for mirror in model.mirrors):
         steps["one bounce between mirrors"] = {"max_bounces": 1}
@@ -169,7 +168,7 @@ def joined(changes: Changes, more: Changes) -> dict[str, Any]:
         if name in changes and name in more:
             out[name] = min(changes[name], more[name])
     if out.get("residual") is False:
-        out = {k: v for k, v in out.items() if k not in ("max_modes", "precision")}
+        out = {k: v for k, v in out.items() if k != "max_modes"}
     if "off" in (changes.get("shadows"), more.get("shadows")):
         out = {k: v for k, v in out.items() if k not in ("lattice_px", "borders")} | {"shadows": "off"}
     return out

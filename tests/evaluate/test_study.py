@@ -22,6 +22,7 @@ from relight3d.evaluate.study_report import COLUMNS, FRONT, cells_of, csv_of, ma
 from relight3d.evaluate.study_settings import RECOVERY, RENDER, Setting, changed, ladder
 from relight3d.recover.run import RecoverOptions
 from relight3d.relight.options import RelightOptions
+from tests.plan.models import rich_model
 from tests.scenes import desk_capture
 
 FEW = [
@@ -53,13 +54,21 @@ def test_a_point_is_dominated_by_one_as_cheap_and_as_accurate() -> None:
     assert dominated([*points, point("best", 0.5, 50)])[1][:5] == ("factor: best",) * 5
 
 
+def test_a_setting_within_the_error_of_its_own_time_is_not_dominated() -> None:
+    beside = {"frame_low_ms": 1.9, "frame_high_ms": 2.2}  # the median's error is 0.09 ms
+    points = [point("a", 1.95, 30), point("b", 2.0, 30, **beside), point("c", 2.2, 30, **beside)]
+    assert dominated(points)[1] == ("", "", "factor: a")
+    assert dominated([point("a", 1.95, 30.1), points[1]])[1] == ("", "factor: a")
+
+
 def test_the_ladder_varies_one_thing_and_every_option_exists() -> None:
     for quick in (True, False):
         settings = ladder(24, quick)
         assert len({(s.family, s.factor, s.name) for s in settings}) == len(settings)
         for setting in settings:
-            is_default = setting.recover_options() == RecoverOptions() and setting.relight_options() == RelightOptions()
-            assert is_default == (not setting.changes)
+            options = setting.relight_options(rich_model())
+            is_default = setting.recover_options() == RecoverOptions() and options == RelightOptions()
+            assert is_default == (not setting.changes and setting.preset is None)
             if setting.factor not in ("combined", "detail", "shadows"):
                 assert len(setting.changes) <= 1
     assert len(ladder(24, True)) < len(ladder(24, False))

@@ -64,6 +64,17 @@ def test_a_capture_is_recovered_evaluated_and_relit(output: Path) -> None:
     assert len(list((film / "frames").glob("*.png"))) == 3
 
 
+def test_the_plan_is_checked_effect_by_effect(output: Path) -> None:
+    printed = run_script("plan_check", TINY, "--output", output / "check", *QUICK)
+    assert "effects as they should be" in printed and "| shadows | scene | on |" in printed
+    assert (output / "check" / "plan_check.md").is_file()
+
+
+def test_budgets_are_kept_or_said_to_be_missed(output: Path) -> None:
+    printed = run_script("budgets", TINY, "--output", output / "budgets", "--budgets", "0.01", "64", *QUICK)
+    assert "no setting fits the budget of 0.01 ms" in printed and (output / "budgets" / "budgets.md").is_file()
+
+
 def test_the_stages_make_the_model_that_recover_makes(output: Path) -> None:
     # The scripts spell out the order that recover/run.py holds; this is what keeps the two together.
     code = (
