@@ -30,20 +30,23 @@ def rich_model() -> RelightModel:
 
 
 @cache
-def plain_capture() -> Capture:
-    """Two diffuse convex objects on nothing, no light but the lamps'; pixels are means of 4 x 4, as a sensor's are."""
+def plain_capture(size: int = 1) -> Capture:
+    """Two diffuse convex objects on nothing, no light but the lamps'; pixels are means of 4 x 4, as a sensor's are.
+
+    `size` times as many pixels a side.
+    """
     parts = {
         "box": transformed(box(0.6, 0.5, 0.7), None, (-0.5, 0.1, 0.3)),
         "sphere": transformed(sphere(0.4), None, (0.5, -0.1, 0.3)),
     }
     materials = (Material((0.6, 0.2, 0.15)), Material((0.2, 0.35, 0.5)))
-    fine = Scene(joined(parts), materials, scene_camera(4 * WIDTH, 4 * HEIGHT))
+    camera = scene_camera(size * WIDTH, size * HEIGHT)
+    fine = Scene(joined(parts), materials, scene_camera(4 * camera.width, 4 * camera.height))
     capture = synthesize(fine, hemisphere_lights(12, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
-    camera = scene_camera(WIDTH, HEIGHT)
     is_hit = points_seen(ray_scene(World(fine).mesh), World(fine).mesh, fine.camera).pixel
     covered = np.zeros(fine.camera.num_pixels, np.float32)
     covered[is_hit] = 1.0
-    share = _means(covered.reshape(4 * HEIGHT, 4 * WIDTH, 1))
+    share = _means(covered.reshape(4 * camera.height, 4 * camera.width, 1))
     photographs = tuple(
         replace(p, camera=camera, pixels=_means(p.pixels) / np.maximum(share, 1 / 16)) for p in capture.photographs
     )
@@ -52,9 +55,10 @@ def plain_capture() -> Capture:
 
 def _means(picture: np.ndarray) -> np.ndarray:
     """What misses the mesh is black, and no part of a pixel: the means are divided by what is covered."""
-    return picture.reshape(HEIGHT, 4, WIDTH, 4, -1).mean(axis=(1, 3))
+    height, width = picture.shape[0] // 4, picture.shape[1] // 4
+    return picture.reshape(height, 4, width, 4, -1).mean(axis=(1, 3))
 
 
 @cache
-def plain_model() -> RelightModel:
-    return recover(plain_capture(), QUICK, quiet=True)
+def plain_model(size: int = 1, force: tuple[str, ...] = ()) -> RelightModel:
+    return recover(plain_capture(size), replace(QUICK, force=force), quiet=True)
