@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from bench.cases import run_case
-from bench.report import gate, table
+from bench.report import gate, summary, table
 
 from relight3d.io.capture import load_capture
 from relight3d.io.model_file import load_model
@@ -36,7 +36,7 @@ def main() -> None:
         for faces in arguments.faces
         for size in arguments.sizes
     ]
-    print("\n\n".join(table(case) for case in cases))
+    print("\n\n".join([*(table(case) for case in cases), summary(cases)]))
     if arguments.json:
         arguments.json.write_text(json.dumps(cases, indent=1) + "\n")
     if arguments.gate:

@@ -17,10 +17,14 @@ from relight3d.tracing import RayScene
 # What the frames are held to (issue 7): name, over which sum of others, at most.
 TARGETS = (
     ("frame, exact", ("bare occlusion",), {400: 1.3, 1920: 1.25}),
+    ("frame, balanced", ("bare occlusion",), {}),
     ("frame, fast", ("bare occlusion",), {400: 0.35}),
+    ("frame, new colour", ("bare occlusion",), {}),
     ("frame, three lights", ("frame, exact",), {400: 2.8}),
     ("new viewpoint", ("bare first hit", "bare occlusion"), {400: 1.35}),
     ("new viewpoint, no outlines", ("bare first hit", "bare occlusion"), {400: 1.35}),
+    ("frame, exact", ("Mitsuba direct, 1 samples",), {400: 0.4}),
+    ("frame, balanced", ("Mitsuba direct, 1 samples",), {400: 0.4}),
 )
 
 
@@ -34,9 +38,10 @@ def run_case(model: RelightModel, num_faces: int, size: tuple[int, int], rounds:
     bare = RayScene(model.mesh.centered_vertices, model.mesh.faces)
     del os.environ["RELIGHT3D_SINGLE_RAYS"]
     contenders = {**bare_embreex(bare, exact), **open3d_rays(exact), **contenders}
-    if camera is model.camera:
-        contenders |= interpolators(model)
     took = side_by_side(contenders, rounds)
+    if camera is model.camera:
+        # By themselves: their matrix products leave threads awake that would slow whoever comes next.
+        took |= side_by_side(interpolators(model), rounds)
     if mitsuba is not None:
         took |= mitsuba_times(mitsuba, model, camera, rounds)
     medians = {name: float(np.median(times.wall)) for name, times in took.items()}
@@ -44,7 +49,7 @@ def run_case(model: RelightModel, num_faces: int, size: tuple[int, int], rounds:
         "faces": len(model.mesh.faces),
         "size": f"{size[0]}x{size[1]}",
         "rounds": rounds,
-        "rays": dict(exact.render([]).stats.rays),
+        "buffers_mb": exact._engine.buffers.num_bytes / 1e6,
         "milliseconds": medians,
         "spread": {name: float(np.subtract(*np.percentile(t.wall, [75, 25]))) for name, t in took.items()},
         "ratios": ratios(took, size[0]),
@@ -55,6 +60,8 @@ def ratios(took: dict[str, Took], width: int) -> dict[str, dict]:
     """Each target's ratio: the median over rounds of times taken in the same round, by the clock and by the cores."""
     out = {}
     for name, others, limits in TARGETS:
+        if not {name, *others} <= set(took):  # Mitsuba is not everywhere
+            continue
         entry: dict = {"at most": limits.get(width)}
         for clock in Took._fields:
             over = np.sum([getattr(took[other], clock) for other in others], axis=0)
@@ -77,7 +84,7 @@ def mitsuba_times(python: Path, model: RelightModel, camera: Camera, rounds: int
         command = [str(python), str(script), str(path), json.dumps(settings), str(rounds)]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
     times = json.loads(done.stdout.strip().splitlines()[-1])
-    return {name: Took(wall, wall) for name, wall in times.items()}
+    return {name: Took(**clocks) for name, clocks in times.items()}
 
 
 def write_ply(path: Path, vertices: np.ndarray, faces: np.ndarray) -> None:

@@ -27,14 +27,16 @@ class Took(NamedTuple):
 def side_by_side(contenders: Mapping[str, Contender], rounds: int) -> dict[str, Took]:
     """Each contender's times; one round before, to warm up, is not counted.
 
+    In a round each has two turns and the second counts, with its own data in the cache as in a sequence of frames.
     On a machine that others use, the clock counts their work too, and more so where threads wait for each other. The
     cores' time does not, but says nothing of how well threads share the work.
     """
     took = {name: Took([], []) for name in contenders}
     for index in range(-1, rounds):
         for name, contender in contenders.items():
+            contender(2 * index + 2)
             start, start_cores = time.perf_counter(), time.process_time()
-            contender(index)
+            contender(2 * index + 3)
             if index >= 0:
                 took[name].wall.append(1e3 * (time.perf_counter() - start))
                 took[name].cores.append(1e3 * (time.process_time() - start_cores))

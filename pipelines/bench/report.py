@@ -16,6 +16,18 @@ def table(case: dict) -> str:
     return "\n".join(lines)
 
 
+def summary(cases: list[dict]) -> str:
+    """One row a case: each ratio by the clock, by the cores in brackets, and the memory of a view's buffers."""
+    names = list(dict.fromkeys(name for case in cases for name in case["ratios"]))
+    lines = ["| ratio | " + " | ".join(f"{case['faces']:,} faces, {case['size']}" for case in cases) + " |"]
+    lines += ["|---" * (len(cases) + 1) + "|"]
+    for name in names:
+        each = [case["ratios"].get(name) for case in cases]
+        cells = ["" if entry is None else f"{entry['wall']:.2f} ({entry['cores']:.2f})" for entry in each]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join([*lines, "| buffers, MB | " + " | ".join(f"{case['buffers_mb']:.0f}" for case in cases) + " |"])
+
+
 def gate(cases: list[dict], baseline: list[dict]) -> list[str]:
     """A line for each ratio that is 30 % above the baseline's; cases that the baseline lacks pass.
 
