@@ -62,6 +62,8 @@ def test_a_capture_is_recovered_evaluated_and_relit(output: Path) -> None:
     printed = run_script("relight_sequence", output / "whole/model.relight", "--output", film, "--num-frames", 3)
     assert "3 frames rendered" in printed and (film / "film.mp4").is_file()
     assert len(list((film / "frames").glob("*.png"))) == 3
+    printed = run_script("equality", "--capture", TINY, "--model", output / "whole/model.relight")
+    assert "18 photographs: at most" in printed
 
 
 def test_the_plan_is_checked_effect_by_effect(output: Path) -> None:
