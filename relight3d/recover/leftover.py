@@ -13,7 +13,7 @@ from relight3d.records import Background, Observations, RelightModel
 from relight3d.recover import indirect, residual
 from relight3d.recover.decisions import decision
 from relight3d.recover.rounds import ANY_GAIN, Evidence, Stage
-from relight3d.recover.visible import displayed, visible_gain_db
+from relight3d.recover.visible import displayed, thinned, visible_gain_db
 from relight3d.shading import light_strength, reflected
 
 if TYPE_CHECKING:
@@ -46,8 +46,11 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
         # is one.
         inside = is_known & observed.is_interior & observed.is_safe[bright]
         inside = inside if inside.sum() > 0.2 * is_known.sum() else is_known
-        fit = residual.choose_kernel(misfit, inside, slope, anchors, options)
-        before = _display_error(observed.radiance[bright], misfit * strength[:, None, None], inside, stage.white)
+        this_kernel = replace(
+            options, lengths_deg=(float(np.degrees(fits[name].length_rad)),), nuggets=(fits[name].nugget,)
+        )
+        fit = residual.choose_kernel(misfit, inside, slope, anchors, this_kernel)
+        before = _display_error(observed.radiance[bright], misfit, strength, inside, stage.white)
         fits[name] = replace(fits[name], gain_db=visible_gain_db(fit.gain_db, before))
     gain = max(fit.gain_db for fit in fits.values())
     reason = ", ".join(f"{n} {f.gain_db:.1f} dB over {np.degrees(f.length_rad):.0f} degrees" for n, f in fits.items())
@@ -76,12 +79,17 @@ def _with_background(stage: Stage, observed: Observations, model: RelightModel) 
     return model, build_view(stage.rays, model, stage.camera)
 
 
-def _display_error(measured: np.ndarray, misfit: np.ndarray, is_known: np.ndarray, white: float) -> float:
-    """Mean square of display values by which the photographs are missed where they are known."""
-    total = 0.0
-    for picture, miss, known in zip(measured, misfit, is_known):
-        total += float(np.sum((displayed(picture[known], white) - displayed((picture - miss)[known], white)) ** 2))
-    return total / max(3 * int(is_known.sum()), 1)
+def _display_error(
+    measured: np.ndarray, misfit: np.ndarray, strength: np.ndarray, is_known: np.ndarray, white: float
+) -> float:
+    """Mean square of display values by which the photographs are missed where they are known, over some of the points."""
+    some = thinned(measured.shape[1])
+    total = count = 0
+    for picture, miss, known, factor in zip(measured[:, some], misfit[:, some], is_known[:, some], strength):
+        picture, miss = picture[known], miss[known] * factor
+        total += float(np.sum((displayed(picture, white) - displayed(picture - miss, white)) ** 2))
+        count += picture.size
+    return total / max(count, 1)
 
 
 def _mean_direction(lights: tuple) -> np.ndarray:

@@ -20,6 +20,7 @@ from relight3d.maths.color import srgb_from_linear
 from relight3d.records import Mirror, Observations
 from relight3d.recover.rounds import Evidence, Fitted, Stage, direct_irradiance, specular_layers
 
+NUM_SAMPLES = 4000  # points of a surface by which an error is told
 JUST_VISIBLE = (1 / 255) ** 2  # of white, squared: a step of eight bits
 
 
@@ -39,11 +40,13 @@ def visible_step_db(before: float, after: float) -> float:
 def display_error(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> float:
     """Mean square of display values by which the fits miss the photographs, clear of borders, outlines and mirrors."""
     direct, total, count = direct_irradiance(stage, observed, mirrors, fitted), 0.0, 0
-    for photo, indirect in enumerate(fitted.irradiance):
-        radiance = fitted.albedo / np.float32(np.pi) * (direct[photo] + indirect)
-        radiance = radiance if fitted.specular is None else radiance + fitted.specular[photo]
-        chosen = stage.is_matte & observed.is_interior & observed.is_safe[photo] & (observed.weight[photo] > 0)
-        miss = displayed(radiance[chosen], stage.white) - displayed(observed.radiance[photo, chosen], stage.white)
+    some = _some_of_each(stage.surface, stage.surfaces.num_surfaces)
+    some = some[stage.is_matte[some] & observed.is_interior[some]]
+    for photo in range(len(fitted.irradiance)):
+        chosen = some[observed.is_safe[photo, some] & (observed.weight[photo, some] > 0)]
+        radiance = fitted.albedo[chosen] / np.float32(np.pi) * (direct[photo] + fitted.irradiance[photo])[chosen]
+        radiance = radiance if fitted.specular is None else radiance + fitted.specular[photo, chosen]
+        miss = displayed(radiance, stage.white) - displayed(observed.radiance[photo, chosen], stage.white)
         total, count = total + float((miss.astype(np.float64) ** 2).sum()), count + miss.size
     return total / max(count, 1)
 
@@ -109,14 +112,16 @@ def _errors_without(
     whole = np.bincount(stage.surface, stage.is_matte, minlength=num)
     inside = np.bincount(stage.surface, stage.is_matte & observed.is_interior, minlength=num)
     counts = stage.is_matte & (observed.is_interior | (inside < 0.2 * whole)[stage.surface])
+    some = _some_of_each(stage.surface, num)
+    surface, counts = stage.surface[some], counts[some]
     squares, known = {}, np.zeros(num)
-    for photo, pictures in enumerate(_pictures_without(stage, observed, mirrors, fitted)):
-        measured = displayed(observed.radiance[photo], stage.white)
-        weight = counts * (observed.weight[photo] > 0) * observed.is_safe[photo]
-        known += np.bincount(stage.surface, weight, minlength=num)
+    for photo, pictures in enumerate(_pictures_without(stage, observed, mirrors, fitted, some)):
+        measured = displayed(observed.radiance[photo, some], stage.white)
+        weight = counts * (observed.weight[photo, some] > 0) * observed.is_safe[photo, some]
+        known += np.bincount(surface, weight, minlength=num)
         for name, radiance in pictures.items():
             miss = ((displayed(radiance, stage.white) - measured) ** 2).mean(axis=1)
-            squares[name] = squares.get(name, 0.0) + np.bincount(stage.surface, weight * miss, minlength=num)
+            squares[name] = squares.get(name, 0.0) + np.bincount(surface, weight * miss, minlength=num)
     is_there = {
         "texture": fitted.is_textured,
         "detail": np.bincount(stage.surface, _has_detail(stage, fitted), minlength=num) > 0,
@@ -131,30 +136,42 @@ def _errors_without(
 
 
 def _pictures_without(
-    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, some: np.ndarray
 ) -> Iterator[dict[str, Float32[np.ndarray, "point 3"]]]:
-    """Each photograph as fitted but for one effect, by the effect's name."""
+    """Each photograph as fitted but for one effect, by the effect's name, at some of the points."""
     over_pi, nothing = np.float32(1 / np.pi), np.float32(0)
-    mean = fitted.surface_albedo[stage.surface].astype(np.float32)
+    mean, albedo = fitted.surface_albedo[stage.surface[some]].astype(np.float32), fitted.albedo[some]
     direct = smooth = direct_irradiance(stage, observed, mirrors, fitted)
     gloss = smooth_gloss = fitted.specular
     if _has_detail(stage, fitted).any():
         flat = replace(fitted, normal=stage.points.normal, lobe_gain=np.ones_like(fitted.lobe_gain))
         smooth, smooth_gloss = direct_irradiance(stage, observed, mirrors, flat), specular_layers(stage, observed, flat)
-    for photo, indirect in enumerate(fitted.irradiance):
-        light = (direct[photo] + indirect) * over_pi
-        shine = nothing if gloss is None else gloss[photo]
-        smooth_shine = nothing if smooth_gloss is None else smooth_gloss[photo]
+    for photo in range(len(fitted.irradiance)):
+        indirect, lit = fitted.irradiance[photo, some], direct[photo, some]
+        light = (lit + indirect) * over_pi
+        shine = nothing if gloss is None else gloss[photo, some]
+        smooth_shine = nothing if smooth_gloss is None else smooth_gloss[photo, some]
         yield {
             "texture": mean * light + shine,
-            "detail": fitted.albedo * over_pi * (smooth[photo] + indirect) + smooth_shine,
-            "lobes": fitted.albedo * light,
-            "indirect": fitted.albedo * over_pi * direct[photo] + shine,
+            "detail": albedo * over_pi * (smooth[photo, some] + indirect) + smooth_shine,
+            "lobes": albedo * light,
+            "indirect": albedo * over_pi * lit + shine,
         }
 
 
 def _has_detail(stage: Stage, fitted: Fitted) -> Bool[np.ndarray, " point"]:
     return (fitted.normal != stage.points.normal).any(axis=1) | (fitted.lobe_gain != 1)
+
+
+def _some_of_each(surface: np.ndarray, num_surfaces: int) -> np.ndarray:
+    """Points of every surface, at most NUM_SAMPLES of each, in the order of the points."""
+    mine = [np.flatnonzero(surface == s) for s in range(num_surfaces)]
+    return np.sort(np.concatenate([each[thinned(len(each))] for each in mine]))
+
+
+def thinned(num: int) -> np.ndarray:
+    """Evenly spread places in a list, at most NUM_SAMPLES."""
+    return np.linspace(0, num - 1, min(num, NUM_SAMPLES)).astype(int)
 
 
 def displayed(radiance: np.ndarray, white: float) -> Float32[np.ndarray, "point 3"]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from relight3d.errors import InputError
 from relight3d.records import Price
-from relight3d.relight.calibrate import frame_clocks
+from relight3d.relight.calibrate import clocks_beside, frame_clocks
 from relight3d.relight.options import PRESETS, RelightOptions, preset_options
 from relight3d.relight.work import nominal_work, predicted_ms
 
@@ -21,7 +21,7 @@ logger = logging.getLogger(__name__)
 
 # A preset is the cheapest point of the front that loses no more than this to the exact setting.
 PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.5, "fast": 3.0}
-NUM_TRIALS = 4  # settings that are timed at most, beside the exact and the cheapest one
+NUM_TRIALS = 6  # settings that are timed at most, beside the exact and the cheapest one
 TOLERANCE = 1.05  # a median so much above the budget still fits it: medians of a few frames are no surer
 
 Choice = tuple[RelightOptions, tuple[str, ...]]
@@ -88,8 +88,8 @@ def within(relighter: "Relighter", budget_ms: float | None, max_error_db: float 
     """The settings for a wanted time, error or both on this machine, and what is given up, in words.
 
     The exact and the cheapest setting are timed, which turns the list's counts of work into milliseconds; then the
-    chosen setting is timed, and what it took corrects the others' and perhaps the choice. Without a list the presets are
-    timed; an error cannot be asked for then.
+    chosen setting is timed in turn with the exact one, and what it took corrects the others' and perhaps the choice.
+    Without a list the presets are timed; an error cannot be asked for then.
     """
     prices = relighter.given_model.prices
     if not prices:
@@ -98,7 +98,15 @@ def within(relighter: "Relighter", budget_ms: float | None, max_error_db: float 
         return _from_presets(relighter, budget_ms)
     exact, budget = prices[0].work, np.inf if budget_ms is None else budget_ms
     cheapest = int(np.argmin([nominal_work(price.work, exact) for price in prices]))
-    clocks = {k: frame_clocks(_with(relighter, options_of(prices[k]))) for k in {0, cheapest}}
+    standard = _with(relighter, RelightOptions())
+    clocks = {0: frame_clocks(standard)}
+    exact_ms = sum(clocks[0].values())
+
+    def time_it(k: int) -> None:
+        clocks[k] = clocks_beside(_with(standard, options_of(prices[k])), standard, exact_ms)
+
+    if cheapest != 0:
+        time_it(cheapest)
     for trial in range(NUM_TRIALS + 1):
         timed = [prices[k].work for k in clocks]
         costs = predicted_ms([p.work for p in prices], timed, list(clocks.values()), exact)
@@ -110,7 +118,7 @@ def within(relighter: "Relighter", budget_ms: float | None, max_error_db: float 
         chosen = _chosen(prices, costs, limits, max_error_db)
         if chosen in clocks:
             break
-        clocks[chosen] = frame_clocks(_with(relighter, options_of(prices[chosen])))
+        time_it(chosen)
     note = _note(prices[chosen], costs[chosen], budget_ms, max_error_db)
     is_missed = costs[chosen] > TOLERANCE * budget or _loses_more(prices[chosen], max_error_db)
     logger.log(logging.WARNING if is_missed else logging.INFO, note)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from relight3d.relight.relighter import Relighter
 
 NUM_FRAMES = 7  # of a calibration at least: their median counts
-CALIBRATION_S = 0.15  # cheap frames are timed for so long: a burst of other work is over by then
+CALIBRATION_S = 0.2  # cheap frames are timed for so long: a burst of other work is over by then
 NUM_WARM = 3  # frames that come first, which compile, and touch their memory for the first time
 NUDGE = 1e-4  # of the scene, or of a direction: no shadow moves far, and none that was kept answers
 _steps = cycle(range(1, 50))  # no two calibrations in a row meet each other's kept shadows
@@ -39,7 +39,27 @@ def frame_clocks(relighter: "Relighter") -> dict[str, float]:
 
     As a user sees it whose light moves: under the model's own lights, shadows cast in every frame.
     """
-    frames = _moving_frames(relighter, NUM_FRAMES, NUM_WARM, CALIBRATION_S)
+    return _median_clocks(_moving_frames(relighter, NUM_FRAMES, NUM_WARM, CALIBRATION_S))
+
+
+def clocks_beside(relighter: "Relighter", standard: "Relighter", standard_ms: float) -> dict[str, float]:
+    """The same, brought to the minute in which the standard's frame took `standard_ms`: both are rendered in turn, so
+    that what else the machine does falls on both, and the median of their ratios counts.
+    """
+    for each in (standard, relighter):
+        _moving_frames(each, NUM_WARM, 0)
+    frames, ratios = [], []
+    begin = time.perf_counter()
+    while len(frames) < NUM_FRAMES or time.perf_counter() - begin < CALIBRATION_S:
+        ((_, beside),) = _moving_frames(standard, 1, 0)
+        frames += _moving_frames(relighter, 1, 0)
+        ratios.append(frames[-1][1] / beside)
+    clocks = _median_clocks(frames)
+    scale = float(np.median(ratios)) * standard_ms / max(sum(clocks.values()), 1e-9)
+    return {name: scale * ms for name, ms in clocks.items()}
+
+
+def _median_clocks(frames: list[tuple[Frame, float]]) -> dict[str, float]:
     frame, took_ms = sorted(frames, key=lambda each: each[1])[len(frames) // 2]
     clocks = clocks_of(frame.stats)
     # What no clock of the frame's own sees is as small as it is there for every setting.
