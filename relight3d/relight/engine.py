@@ -63,8 +63,9 @@ class Engine:
         rows = [light_row(light) for light in lights]
         clock.lap("shadow")
         for k in self._thrown:
-            seen += [self.shadows.thrown(light, k) for light in lights]
-            rows += [self._virtual_row(light, k) for light in lights]
+            virtual = [self._virtual_row(light, k) for light in lights]
+            seen += [self.shadows.thrown(light, row, k) for light, row in zip(lights, virtual)]
+            rows += virtual
             clock.lap("thrown")
         irradiance = EMPTY if self.buffers.sites is None else self._irradiance(self.buffers.sites, lights)
         clock.lap("indirect")

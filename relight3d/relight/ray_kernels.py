@@ -191,9 +191,6 @@ def ask_thrown(
     """Points that a virtual lamp may light through a mirror (`plane`: point, normal, radius), by the conditions of
     shading.cast_thrown: rays to the mirror, their way to it (`limits`) and where they meet it. Returns how many.
     """
-    toward = lights[0, PLACE] * plane[3] + lights[0, PLACE + 1] * plane[4] + lights[0, PLACE + 2] * plane[5]
-    if lights[0, KIND] == AT_INFINITY and not toward < 0:
-        return 0
     _near_mirror(lights, plane, offset, position, first, last, is_near)
     count = first
     for p in range(first, last):

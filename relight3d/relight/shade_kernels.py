@@ -62,6 +62,15 @@ def _aim(lights, light, position, a, b, work):
 
 
 @inlined
+def _is_seen(seen, light, a, b):
+    """Whether any of the points a to b sees a light: most see nothing of one behind a mirror."""
+    part, most = seen[light, a:b], np.uint8(0)
+    for i in range(len(part)):
+        most = max(most, part[i])
+    return most > 0
+
+
+@inlined
 def _light_up(seen, light, normal, a, b, work):
     """FORM becomes falloff * cosine where the light is seen. Returns at how many points it is."""
     n = b - a
@@ -221,6 +230,8 @@ def shade_points(
     for c in range(3):
         work[TOTAL + c, : b - a] = ZERO
     for light in range(len(lights)):
+        if not _is_seen(seen, light, a, b):
+            continue
         _aim(lights, light, position, a, b, work)
         if _light_up(seen, light, normal, a, b, work) == 0:
             continue

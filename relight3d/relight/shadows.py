@@ -11,11 +11,10 @@ from relight3d.records import RelightModel
 from relight3d.relight import ray_kernels
 from relight3d.relight.buffers import Buffers
 from relight3d.relight.ground import ground_of
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import tiles
-from relight3d.shading import mirrored_light
 from relight3d.tracing import NO_LIMITS, RayScene, over_threads
 from relight3d.views import BORDER_PATTERN, View
 
@@ -56,9 +55,10 @@ class Shadows:
         """How far each point sees the light, of FULL; 0 where it is turned away. Rays are counted as `effect`."""
         return self._keep((geometry_key(light),), lambda: self._cast(light_row(light)[None], effect))
 
-    def thrown(self, light: Light, mirror_index: int) -> Seen:
-        """Which points get the light by way of a mirror."""
-        return self._keep((geometry_key(light), mirror_index), lambda: self._cast_thrown(light, mirror_index))
+    def thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Seen:
+        """Which points get the light by way of a mirror, as if from a `virtual` light behind it."""
+        key = (geometry_key(light), mirror_index)
+        return self._keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
 
     def _keep(self, key: tuple, make) -> Seen:
         if key in self._kept:
@@ -209,17 +209,18 @@ class Shadows:
 
     # ------------------------------------------------------------------------------------- mirrors
 
-    def _cast_thrown(self, light: Light, mirror_index: int) -> Seen:
+    def _cast_thrown(self, light: Light, virtual: Float32[np.ndarray, "1 row"], mirror_index: int) -> Seen:
         """shading.cast_thrown: a ray to the mirror, and from where it meets it one on to the lamp."""
         b, mirror, offset = self._buffers, self._model.mirrors[mirror_index], self._offset
-        virtual, real = light_row(mirrored_light(light, mirror))[None], light_row(light)[None]
+        seen, real = np.zeros(len(b), np.uint8), light_row(light)[None]
+        at_infinity = real[0, KIND] == AT_INFINITY
+        if at_infinity and virtual[0, PLACE : PLACE + 3] @ mirror.normal >= 0:  # the light is behind the mirror
+            return seen
         plane = np.array([*mirror.point, *mirror.normal, mirror.radius * 1.001], np.float32)
         geometry = (plane, b.position, b.geometric_normal, b.normal, offset)
         rays = (self._origins, self._ways, self._limits, np.empty((len(b), 3), np.float32), self._index)
         front = (mirror.normal * (4 * offset)).astype(np.float32)
-        at_infinity = real[0, KIND] == AT_INFINITY
         surface_of_face = self._model.surfaces.surface_of_face
-        seen = np.zeros(len(b), np.uint8)
 
         def cast(part: slice) -> int:
             ends = (part.start, part.stop)
