@@ -29,15 +29,16 @@ def summary(cases: list[dict]) -> str:
 
 
 def gate(cases: list[dict], baseline: list[dict]) -> list[str]:
-    """A line for each ratio that is 30 % above the baseline's; cases that the baseline lacks pass.
+    """A line for each ratio that is 30 % above the baseline's; what only one of the two has passes (Mitsuba's, say).
 
     By the cores, which a busy machine hardly changes.
     """
     known = {(case["faces"], case["size"]): case["ratios"] for case in baseline}
     slower = []
     for case in cases:
-        for name, before in known.get((case["faces"], case["size"]), {}).items():
-            now = case["ratios"][name]["cores"]
+        before_by_name = known.get((case["faces"], case["size"]), {})
+        for name in before_by_name.keys() & case["ratios"].keys():
+            before, now = before_by_name[name], case["ratios"][name]["cores"]
             if now > MARGIN * before["cores"]:
                 slower.append(f"{case['faces']} faces, {case['size']}: {name} was {before['cores']:.2f}, is {now:.2f}")
     return slower

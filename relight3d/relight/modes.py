@@ -15,7 +15,7 @@ from relight3d.tracing import over_threads
 from relight3d.views import View
 
 LANES = 64  # pixels side by side in a block
-UNSEEN = 5e-7  # of white: what a mode may be off by
+UNSEEN = 1e-6  # of white: what a mode may be off by
 
 # A residual's blocks serve every viewpoint; they go when the residual does.
 _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()

@@ -232,7 +232,7 @@ def test_int16_is_off_by_what_nobody_sees() -> None:
     model = models.full()
     exact = Relighter(model, options=RelightOptions(precision="float32")).render(models.LIGHTS["several"]).radiance
     short = Relighter(model, options=RelightOptions(precision="int16")).render(models.LIGHTS["several"]).radiance
-    # 5e-7 of white for each of ten rows and four lights, some of them brighter than the capture's.
+    # 1e-6 of white for each of ten modes and four lights, some of them brighter than the capture's.
     assert 0 < np.abs(short - exact).max() < 4e-5 / model.exposure
 
 
