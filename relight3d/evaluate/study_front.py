@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from relight3d.evaluate.study_measure import NUM_REPEATS, Point
 from relight3d.evaluate.study_settings import RECOVERY, RENDER
 
@@ -31,21 +33,21 @@ def dominated(points: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[str, ..
     """The points, and for each the name of one that is as cheap and as accurate and clearly better in one; "" on the
     front.
 
-    Clearly: by more than the error of its own median time, or by more than SAME_DB. Of several, the most accurate names
+    Clearly: by more than the errors of the two median times, or by more than SAME_DB. Of several, the most accurate names
     it.
     """
     names = []
     for point in points:
-        better = [
-            o
-            for o in points
-            if cost_of(o) <= cost_of(point)
-            and o.psnr_db >= point.psnr_db
-            and (cost_of(point) - cost_of(o) > cost_error(point) or o.psnr_db - point.psnr_db > SAME_DB)
-        ]
+        better = [o for o in points if _beats(o, point)]
         best = max(better, key=lambda o: o.psnr_db, default=None)
         names.append("" if best is None else f"{best.factor}: {best.name}")
     return tuple(points), tuple(names)
+
+
+def _beats(one: Point, other: Point) -> bool:
+    saves, gains = cost_of(other) - cost_of(one), one.psnr_db - other.psnr_db
+    error = float(np.hypot(cost_error(one), cost_error(other)))
+    return saves >= 0 and gains >= -SAME_DB and (saves > error or gains > SAME_DB)
 
 
 def on_one_clock(points: Sequence[Point]) -> list[Point]:
