@@ -14,10 +14,14 @@ import tyro
 from relight3d.io.capture import load_capture
 from relight3d.io.stage_file import kept
 from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
-from relight3d.recover import assemble, leftover, rounds, visibility
+from relight3d.recover import assemble, leftover, visibility
 from relight3d.recover.mesh import prepare_mesh
 from relight3d.recover.mirror import EdgeTest
-from relight3d.recover.rounds import Fitted, Stage
+from relight3d.recover.rounds.alternation import alternate
+from relight3d.recover.rounds.gloss import fit_gloss
+from relight3d.recover.rounds.reflections import fit_mirrors
+from relight3d.recover.rounds.relief import fit_detail
+from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start
 from relight3d.recover.run import (
     RecoverOptions,
     Training,
@@ -113,7 +117,7 @@ class Stages:
     @cached_property
     def common(self) -> Stage:
         """What stays the same through all rounds; it holds the rays, and is made anew."""
-        return rounds.set_stage(
+        return set_stage(
             self.options, self.mesh, self.rays, self.capture.camera, self.points, self.surfaces, self.mirrors_found,
             self.observed, self.photographs.exposure,
         )  # fmt: skip
@@ -121,11 +125,11 @@ class Stages:
     @once
     def diffuse(self, number: int) -> Fitted:
         """Albedo and indirect light: `number` 0 is the first alternation, 1 the one after the first lobes."""
-        before = rounds.start(self.common, self.observed) if number == 0 else self.detail(number)[0]
+        before = start(self.common, self.observed) if number == 0 else self.detail(number)[0]
         mirrors = self.mirrors_found if number == 0 else self.detail(number)[1]
         options = (self.options.texture, self.options.diffuse, self.options.indirect, self.options.num_alternations)
         return self._round(
-            f"diffuse_{number}", lambda: rounds.alternate(self.common, self.observed, mirrors, before), before, options
+            f"diffuse_{number}", lambda: alternate(self.common, self.observed, mirrors, before), before, options
         )
 
     @once
@@ -134,7 +138,7 @@ class Stages:
         before, mirrors = self.diffuse(number - 1), self.mirrors_before(number)
         return self._round(
             f"lobes_{number}",
-            lambda: rounds.fit_gloss(self.common, self.observed, mirrors, before),
+            lambda: fit_gloss(self.common, self.observed, mirrors, before),
             *(before, mirrors, self.options.specular),
         )
 
@@ -144,8 +148,8 @@ class Stages:
         before, mirrors = self.lobes(number), self.mirrors_before(number)
 
         def make() -> tuple[Fitted, tuple[Mirror, ...]]:
-            fitted = rounds.fit_detail(self.common, self.observed, mirrors, before)
-            reflecting = rounds.fit_mirrors(self.common, self.observed, mirrors, fitted)
+            fitted = fit_detail(self.common, self.observed, mirrors, before)
+            reflecting, fitted = fit_mirrors(self.common, self.observed, mirrors, fitted)
             return fitted, reflecting
 
         return self._round(f"detail_{number}", make, before, mirrors, self.options.detail, self.options.indirect)

@@ -75,6 +75,24 @@ def degree_of(name: str) -> Float[np.ndarray, " basis"]:
     return np.array(degrees.get(name, harmonics[: BASES[name]]), dtype=np.float64)
 
 
+def embedding(name: str, into: str) -> Float[np.ndarray, "basis wider"]:
+    """The functions of one basis as combinations of a wider one's: rows of coefficients.
+
+    Raises ValueError where the wider one does not hold them all.
+    """
+    if name == into:
+        return np.eye(BASES[name])
+    index = np.arange(200) + 0.5
+    z, turn = 1.0 - index / 100.0, index * np.pi * (3.0 - 5.0**0.5)
+    ring = np.sqrt(1.0 - z * z)
+    omega = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    wide, narrow = evaluate_basis(into, omega), evaluate_basis(name, omega)
+    rows = np.linalg.lstsq(wide, narrow, rcond=None)[0].T
+    if np.abs(wide @ rows.T - narrow).max() > 1e-9:
+        raise ValueError(f"basis {into} does not hold the functions of {name}")
+    return np.where(np.abs(rows) < 1e-12, 0.0, rows)
+
+
 def within_reach(
     omega: Float[np.ndarray, "light 3"], anchors: Float[np.ndarray, "anchor 3"], reach_rad: float
 ) -> tuple[Float[np.ndarray, "light 3"], Float[np.ndarray, " light"]]:

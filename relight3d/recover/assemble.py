@@ -9,7 +9,9 @@ from relight3d.maths.least_squares import Status
 from relight3d.records import Health, Mirror, Observations, RelightModel
 from relight3d.recover import mirror, specular
 from relight3d.recover.decisions import called_for, decide
-from relight3d.recover.rounds import NOT_TOLD, Fitted, Stage, provisional_model
+from relight3d.recover.rounds.alternation import NOT_TOLD
+from relight3d.recover.rounds.reflections import provisional_model
+from relight3d.recover.rounds.state import Fitted, Stage
 from relight3d.recover.visible import without_unseen
 
 

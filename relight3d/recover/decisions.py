@@ -6,7 +6,7 @@ import numpy as np
 
 from relight3d.effects import SCENE
 from relight3d.records import Decision, Indirect, Mirror, Observations
-from relight3d.recover.rounds import SCENE_NOISE_DB, Evidence, Fitted, Stage
+from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage
 from relight3d.recover.visible import displayed, needed_db, visible_gain_db
 
 

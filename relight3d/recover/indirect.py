@@ -74,6 +74,17 @@ def site_positions(mesh: PatchMesh, points: ShadingPoints, site: str) -> Float32
     return mesh.centered_vertices if site == "vertex" else mesh.centered_vertices[mesh.faces].mean(axis=1)
 
 
+def site_vertices(mesh: PatchMesh, points: ShadingPoints, site: str) -> sp.csr_matrix:
+    """How sites blend vertices (site x vertex): themselves, a face's three, or a pixel's by its place in its face."""
+    num = len(mesh.vertices)
+    if site == "vertex":
+        return sp.identity(num, format="csr", dtype=np.float32)
+    corners = mesh.faces if site == "face" else mesh.faces[points.face]
+    shares = np.full(corners.shape, 1 / 3, np.float32) if site == "face" else points.barycentric
+    entries = (shares.ravel(), (np.repeat(np.arange(len(corners)), 3), corners.ravel()))
+    return sp.csr_matrix(entries, shape=(len(corners), num))
+
+
 def spread_over_neighbours(mesh: PatchMesh, binding: sp.csr_matrix, site: str, smoothing_px: float) -> sp.csr_matrix:
     """The binding widened along the mesh until a site hears about (2 * smoothing_px)^2 pixels, and every site is heard.
 
@@ -147,15 +158,14 @@ class LightDesign:
     has_ambient: bool
 
 
-def design(
+def light_rows(
     basis: str,
     observed: Observations,
     sites: Float32[np.ndarray, "site 3"],
     anchors: Float64[np.ndarray, "light 3"],
     softening: float,
-    options: IndirectOptions,
-) -> LightDesign:
-    """Rows of eq. (7) for normalised photographs: the lights' shares times strength times basis; 1 / scale for ambient."""
+) -> Float64[np.ndarray, "site photo color unknown"]:
+    """Shares times strength times basis; one row of sites for lights at infinity, one of colours for single lights."""
     all_directional = all(light.kind == "directional" for each in observed.lights for light in each)
     num_sites = 1 if all_directional else len(sites)
     colors = 1 if observed.form.shape[2] == 1 else 3
@@ -165,6 +175,19 @@ def design(
             share = light.power / observed.scale[photo] if colors == 3 else np.ones(1)
             part = indirect_design(basis, light, sites[:num_sites], anchors, np.pi, softening)
             rows[:, photo] += part[:, None, :] * share[None, :, None]
+    return rows
+
+
+def design(
+    basis: str,
+    observed: Observations,
+    sites: Float32[np.ndarray, "site 3"],
+    anchors: Float64[np.ndarray, "light 3"],
+    softening: float,
+    options: IndirectOptions,
+) -> LightDesign:
+    """Rows of eq. (7) for normalised photographs: `light_rows`, and 1 / scale for ambient."""
+    rows = light_rows(basis, observed, sites, anchors, softening)
     damping = options.damping * degree_of(basis) ** 2
     inverse = observed.scale.mean(axis=0).mean() / observed.scale.mean(axis=1)
     has_ambient = _tells_ambient(rows.mean(axis=0)[:, 0], inverse, observed.is_dark, options.max_ambient_condition)
@@ -248,11 +271,16 @@ def left_out_error(sums: SiteSums, lit: LightDesign) -> float:
     return squared / max(total, 1e-30)
 
 
-def explained_db(sums: SiteSums, lit: LightDesign) -> float:
-    """By how many dB left-out photographs are predicted better with indirect light than without any."""
+def without(sums: SiteSums, irradiance: Float64[np.ndarray, "site photo color"]) -> SiteSums:
+    """What is left of the sums when an irradiance is known."""
+    return SiteSums(sums.weight, sums.moment - sums.weight * irradiance)
+
+
+def unexplained(sums: SiteSums) -> float:
+    """Mean squared irradiance per unit of weight: the error of having no indirect light."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        none = np.where(sums.weight > 0, sums.moment**2 / sums.weight, 0.0).sum() / max(sums.weight.sum(), 1e-30)
-    return float(10 * np.log10(max(none, 1e-30) / max(left_out_error(sums, lit), 1e-30)))
+        squares = np.where(sums.weight > 0, sums.moment**2 / sums.weight, 0.0).sum()
+    return float(squares / max(sums.weight.sum(), 1e-30))
 
 
 def without_ambient(lit: LightDesign) -> LightDesign:
@@ -297,14 +325,13 @@ def indirect_of(
     if lit.has_ambient:
         # The column was 1 / scale relative to the mean scale: in absolute irradiance it is the mean scale's share.
         ambient = np.maximum(value[:, count] * observed.scale.mean(axis=0).mean(), 0.0)
-    spacing = _spacing(anchors)
     indirect = Indirect(
         basis=lit.basis,
         site=site,
         coefficients=np.ascontiguousarray(value[:, :count], np.float32),
         ambient=ambient.astype(np.float32),
         anchors=anchors,
-        reach_rad=spacing,
+        reach_rad=reach_of(anchors),
         softening=softening,
         ambient_is_separate=lit.has_ambient,
     )
@@ -356,7 +383,7 @@ def light_anchors(observed: Observations) -> Float64[np.ndarray, "light 3"]:
     return np.array(directions, np.float64).reshape(-1, 3)
 
 
-def _spacing(anchors: np.ndarray) -> float:
+def reach_of(anchors: np.ndarray) -> float:
     """How far a light may be from the photographed ones and count as between them: the usual gap, or 10 degrees."""
     if len(anchors) < 2:
         return float(np.radians(10))

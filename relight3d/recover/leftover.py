@@ -3,21 +3,24 @@
 Each is kept as far as left-out photographs gain by it, in what a display shows.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from relight3d.effects import SCENE
+from relight3d.maths.light_basis import BASES, embedding
 from relight3d.records import Background, Observations, RelightModel
 from relight3d.recover import indirect, residual
 from relight3d.recover.decisions import decision
-from relight3d.recover.rounds import ANY_GAIN, Evidence, Stage
+from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Stage
 from relight3d.recover.visible import displayed, thinned, visible_gain_db
 from relight3d.shading import light_strength, reflected
 
 if TYPE_CHECKING:
     from relight3d.views import View
+
+PASSING = 4.0  # robust deviations: what misses by more does not carry over
 
 
 def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> RelightModel:
@@ -26,33 +29,12 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
     options, bright = stage.options.residual, ~observed.is_dark
     if options.max_modes == 0 or bright.sum() < 3 or not stage.forced.get(("residual", SCENE), True):
         return model
-    misfit, seen = _misfit(stage, observed, model, view)
-    misfit, seen = misfit[bright], seen[bright]
-    # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
-    is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
-    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
-    anchors = np.array([_mean_direction(each) for each in observed.lights if each])
-    known = (observed.weight > 0)[bright] & is_sane
-    slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
-    # What is carried over is for a light of strength 1, as the frames multiply it again by a lamp's own.
-    strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
-    misfit, slope = misfit / strength[:, None, None], slope * strength[:, None, None] ** 2
-    # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
-    sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
-    states = {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure)}
-    fits = {name: residual.choose_kernel(misfit, k, slope, anchors, options) for name, k in states.items()}
-    for name, is_known in states.items():
-        # What outlines and shadow borders gain depends on the samples they were cut into: the inside decides, if there
-        # is one.
-        inside = is_known & observed.is_interior & observed.is_safe[bright]
-        inside = inside if inside.sum() > 0.2 * is_known.sum() else is_known
-        this_kernel = replace(
-            options, lengths_deg=(float(np.degrees(fits[name].length_rad)),), nuggets=(fits[name].nugget,)
-        )
-        fit = residual.choose_kernel(misfit, inside, slope, anchors, this_kernel)
-        before = _display_error(observed.radiance[bright], misfit, strength, inside, stage.white)
-        fits[name] = replace(fits[name], gain_db=visible_gain_db(fit.gain_db, before))
-    gain = max(fit.gain_db for fit in fits.values())
+    given = _given(stage, observed, model, view)
+    fits, gain = {}, 0.0
+    for name, is_known in given.states.items():
+        fits[name], used = _fit_state(stage, given, is_known, options)
+        given.states[name] = used
+        gain = max(gain, _visible_gain(stage, observed, given, is_known, fits[name]))
     reason = ", ".join(f"{n} {f.gain_db:.1f} dB over {np.degrees(f.length_rad):.0f} degrees" for n, f in fits.items())
     evidence = Evidence(gain, options.min_gain_db, reason)
     line = decision(stage, "residual", SCENE, evidence, gain > options.min_gain_db)
@@ -61,7 +43,77 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
         return model
     if ("residual", SCENE) in stage.forced:
         options = replace(options, min_gain_db=ANY_GAIN)
-    return replace(model, residual=residual.fit_residual(misfit, states, anchors, fits, options))
+    return replace(model, residual=residual.fit_residual(given.misfit, given.states, given.anchors, fits, options))
+
+
+@dataclass(frozen=True, eq=False)
+class _Misfits:
+    """What the residual is fitted to, of the photographs that have a light."""
+
+    misfit: np.ndarray  # photo x point x 3, for a light of strength 1, as the frames multiply it by a lamp's own
+    slope: np.ndarray  # photo x point x 3: squared, what a display shows of a difference
+    strength: np.ndarray  # photo
+    anchors: np.ndarray  # photo x 3
+    states: dict[str, np.ndarray]  # photo x point: known, and lit or dark
+    is_judged: np.ndarray  # photo x point: inside and off the borders
+
+
+def _given(stage: Stage, observed: Observations, model: RelightModel, view: "View") -> _Misfits:
+    bright = ~observed.is_dark
+    misfit, seen = _misfit(stage, observed, model, view)
+    misfit, seen = misfit[bright], seen[bright]
+    # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
+    is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
+    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
+    known = (observed.weight > 0)[bright] & is_sane
+    slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
+    strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
+    # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
+    sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
+    return _Misfits(
+        misfit / strength[:, None, None],
+        slope * strength[:, None, None] ** 2,
+        strength,
+        np.array([_mean_direction(each) for each in observed.lights if each]),
+        {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure)},
+        observed.is_interior & observed.is_safe[bright],
+    )
+
+
+def _fit_state(
+    stage: Stage, given: _Misfits, is_known: np.ndarray, options: residual.ResidualOptions
+) -> tuple[residual.ResidualFit, np.ndarray]:
+    """The kernel of one state, and the entries that are carried over.
+
+    A misfit far beyond what its pixel is missed by in other photographs (a narrow highlight a pixel aside, somebody's
+    shadow) may be gone under the next light; surface by surface left-out photographs say whether it is.
+    """
+    misfit, slope, anchors = given.misfit, given.slope, given.anchors
+    fit = residual.choose_kernel(misfit, is_known, slope, anchors, options)
+    size = np.abs(misfit).mean(axis=2)
+    usual = np.nanmedian(np.where(is_known | ~is_known.any(axis=0), size, np.nan), axis=0)
+    is_passing = is_known & (size > PASSING * 1.4826 * np.maximum(usual, 0.01 * stage.white))
+    num = stage.surfaces.num_surfaces
+    stays = residual.carries_over(misfit, is_known, is_passing, slope, anchors, fit, stage.surface, num)
+    used = is_known & ~(is_passing & ~stays[stage.surface])
+    return (fit, is_known) if stays.all() else (
+        residual.choose_kernel(misfit, used, slope, anchors, options, is_scored=is_known), used
+    )  # fmt: skip
+
+
+def _visible_gain(
+    stage: Stage, observed: Observations, given: _Misfits, is_known: np.ndarray, fit: residual.ResidualFit
+) -> float:
+    """What a state's residual gains in what a display shows, off outlines and borders where there is enough of that:
+    what these gain depends on the samples that they were cut into.
+    """
+    inside = is_known & given.is_judged
+    inside = inside if inside.sum() > 0.2 * is_known.sum() else is_known
+    options = replace(stage.options.residual, lengths_deg=(float(np.degrees(fit.length_rad)),), nuggets=(fit.nugget,))
+    alone = residual.choose_kernel(given.misfit, inside, given.slope, given.anchors, options)
+    measured = observed.radiance[~observed.is_dark]
+    before = _display_error(measured, given.misfit, given.strength, inside, stage.white)
+    return visible_gain_db(alone.gain_db, before)
 
 
 def _with_background(stage: Stage, observed: Observations, model: RelightModel) -> tuple[RelightModel, "View"]:
@@ -128,13 +180,15 @@ def _misfit(stage: Stage, observed: Observations, model: RelightModel, view) -> 
 def _background(stage: Stage, observed: Observations, model: RelightModel, rows: np.ndarray) -> Background:
     """Low-order functions of the light, per pixel whose mirror shows the surroundings."""
     assert model.indirect is not None
-    nowhere = np.zeros((1, 3), np.float32)
-    lit = indirect.design(
-        model.indirect.basis, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect
-    )
     weight = np.repeat(observed.weight[:, rows].T[:, :, None], 3, axis=2).astype(np.float64)
     sums = indirect.SiteSums(weight, weight * observed.radiance[:, rows].transpose(1, 0, 2))
+    nowhere = np.zeros((1, 3), np.float32)
+    most = BASES[model.indirect.basis]
+    lit = indirect.choose_basis(sums, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect, most)
     solution = indirect.solve_sites(sums, lit)
     record, _ = indirect.indirect_of(solution, lit, observed, "pixel", stage.anchors, stage.softening)
     points = stage.points.take(rows)
-    return Background(points.pixel, reflected(points).astype(np.float32), record.coefficients, record.ambient)
+    # The frames ask the background in the functions of the indirect light.
+    into = embedding(record.basis, model.indirect.basis).astype(np.float32)
+    coefficients = np.einsum("nbc,bk->nkc", record.coefficients, into)
+    return Background(points.pixel, reflected(points).astype(np.float32), coefficients, record.ambient)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32, Float64, Int32
 
 from relight3d.errors import InputError
 from relight3d.records import Residual
@@ -51,32 +51,68 @@ def choose_kernel(
     slope: Float32[np.ndarray, "photo point 3"],
     anchors: Float64[np.ndarray, "photo 3"],
     options: ResidualOptions,
+    is_scored: Bool[np.ndarray, "photo point"] | None = None,
 ) -> ResidualFit:
-    """Length and nugget with the least leave-one-out error over a sample of points.
+    """Length and nugget with the least left-out error over a sample of points.
 
-    A left-out prediction of kriging is e_i = (K^-1 r)_i / (K^-1)_ii. Unknown entries (the other state, saturation) are
-    filled with what the known ones predict, and not counted. `slope` weighs an error by what a display shows of it.
+    `is_known` are the entries that others are predicted from, `is_scored` (default the same) those that must be
+    predicted. `slope` weighs an error by what a display shows of it.
     """
-    num = misfit.shape[1]
-    take = np.linspace(0, num - 1, min(num, 4000)).astype(int)
-    known = is_known[:, take]
-    values = np.where(known[..., None], misfit[:, take], 0.0).astype(np.float64)
-    scale = np.where(known[..., None], slope[:, take], 0.0).astype(np.float64)
+    is_scored = is_known if is_scored is None else is_scored
+    take = _sample(misfit.shape[1])
+    values, known = misfit[:, take].astype(np.float64), is_known[:, take]
+    scale = np.where(is_scored[:, take][..., None], slope[:, take], 0.0).astype(np.float64)
     none = float((scale * values**2).sum())
     best = ResidualFit(float(np.radians(options.lengths_deg[0])), options.nuggets[-1], 0.0)
     if none <= 0:
         return best
     for length_deg in options.lengths_deg:
-        covariance = kernel(anchors, anchors, np.radians(length_deg))
         for nugget in options.nuggets:
-            inverse = np.linalg.inv(covariance + nugget * np.eye(len(anchors)))
-            filled = _filled(values, known, covariance @ inverse).reshape(len(values), -1)
-            errors = (inverse @ filled / np.diag(inverse)[:, None]).reshape(values.shape)
-            left_out = float((scale * np.minimum(errors**2, 4.0 * values**2 + 1e-12)).sum())
+            trial = ResidualFit(float(np.radians(length_deg)), nugget, 0.0)
+            left_out = float((scale * _left_out_squares(values, known, anchors, trial)).sum())
             gain = 10 * np.log10(none / max(left_out, 1e-30))
             if gain > best.gain_db:
-                best = ResidualFit(float(np.radians(length_deg)), nugget, float(gain))
+                best = ResidualFit(trial.length_rad, nugget, float(gain))
     return best
+
+
+def carries_over(
+    misfit: Float32[np.ndarray, "photo point 3"],
+    is_known: Bool[np.ndarray, "photo point"],
+    is_passing: Bool[np.ndarray, "photo point"],
+    slope: Float32[np.ndarray, "photo point 3"],
+    anchors: Float64[np.ndarray, "photo 3"],
+    fit: ResidualFit,
+    surface: Int32[np.ndarray, " point"],
+    num_surfaces: int,
+) -> Bool[np.ndarray, " surface"]:
+    """Of each surface, whether left-out photographs are predicted better with its passing misfits than without them."""
+    take = _sample(misfit.shape[1], 16_000)
+    values, known = misfit[:, take].astype(np.float64), is_known[:, take]
+    scale = np.where(known[..., None], slope[:, take], 0.0)
+    totals = []
+    for used in (known, known & ~is_passing[:, take]):
+        per_point = (scale * _left_out_squares(values, used, anchors, fit)).sum(axis=(0, 2))
+        totals.append(np.bincount(surface[take], per_point, num_surfaces))
+    return totals[0] <= totals[1]
+
+
+def _sample(num_points: int, most: int = 4000) -> np.ndarray:
+    return np.linspace(0, num_points - 1, min(num_points, most)).astype(int)
+
+
+def _left_out_squares(values: np.ndarray, known: np.ndarray, anchors: np.ndarray, fit: ResidualFit) -> np.ndarray:
+    """Squared error of every entry as the others predict it, capped at four times its own square.
+
+    A left-out prediction of kriging is off by (K^-1 r)_i / (K^-1)_ii, the unknown entries being what the known ones
+    predict; an unknown entry is off by its difference from that.
+    """
+    covariance = kernel(anchors, anchors, fit.length_rad)
+    inverse = np.linalg.inv(covariance + fit.nugget * np.eye(len(anchors)))
+    filled = _filled(np.where(known[..., None], values, 0.0), known, covariance @ inverse)
+    left_out = (inverse @ filled.reshape(len(values), -1) / np.diag(inverse)[:, None]).reshape(values.shape)
+    errors = np.where(known[..., None], left_out, values - filled)
+    return np.minimum(errors**2, 4.0 * values**2 + 1e-12)
 
 
 def fit_residual(

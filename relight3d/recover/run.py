@@ -19,6 +19,7 @@ from relight3d.maths.color import exposure_of
 from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import diffuse, mirror, surfaces, visibility
 from relight3d.recover.assemble import assemble, summary
+from relight3d.recover.bounce import BounceOptions
 from relight3d.recover.detail import DetailOptions
 from relight3d.recover.diffuse import DiffuseOptions
 from relight3d.recover.indirect import IndirectOptions
@@ -26,7 +27,11 @@ from relight3d.recover.leftover import with_residual
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
 from relight3d.recover.mirror import MirrorOptions
 from relight3d.recover.residual import ResidualOptions
-from relight3d.recover.rounds import Fitted, Stage, alternate, fit_detail, fit_gloss, fit_mirrors, set_stage, start
+from relight3d.recover.rounds.alternation import alternate
+from relight3d.recover.rounds.gloss import fit_gloss
+from relight3d.recover.rounds.reflections import fit_mirrors
+from relight3d.recover.rounds.relief import fit_detail
+from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start
 from relight3d.recover.specular import SpecularOptions
 from relight3d.recover.surfaces import SurfaceOptions
 from relight3d.recover.texture import TextureOptions
@@ -51,6 +56,7 @@ class RecoverOptions:
     mirror: MirrorOptions = field(default_factory=MirrorOptions)
     diffuse: DiffuseOptions = field(default_factory=DiffuseOptions)
     indirect: IndirectOptions = field(default_factory=IndirectOptions)
+    bounce: BounceOptions = field(default_factory=BounceOptions)
     specular: SpecularOptions = field(default_factory=SpecularOptions)
     detail: DetailOptions = field(default_factory=DetailOptions)
     residual: ResidualOptions = field(default_factory=ResidualOptions)
@@ -142,7 +148,7 @@ def _fit(
             fitted = fit_gloss(stage, observed, mirrors, fitted)
         with clock.stage(f"detail, round {number}"):
             fitted = fit_detail(stage, observed, mirrors, fitted)
-            mirrors = fit_mirrors(stage, observed, mirrors, fitted)
+            mirrors, fitted = fit_mirrors(stage, observed, mirrors, fitted)
         with clock.stage(f"{FIRST_FIT}, round {number}"):
             fitted = alternate(stage, observed, mirrors, fitted)
         round_s = time.perf_counter() - begin

@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float32
 from relight3d.effects import SCENE
 from relight3d.maths.color import srgb_from_linear
 from relight3d.records import Mirror, Observations
-from relight3d.recover.rounds import Evidence, Fitted, Stage, direct_irradiance, specular_layers
+from relight3d.recover.rounds.light import direct_irradiance, specular_layers
+from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
 NUM_SAMPLES = 4000  # points of a surface by which an error is told
 JUST_VISIBLE = (1 / 255) ** 2  # of white, squared: a step of eight bits

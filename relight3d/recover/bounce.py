@@ -1,0 +1,335 @@
+"""What the mesh's own surfaces send one another, computed: the part of the indirect light that asks no photograph.
+
+The mesh and the albedo are known, so light that goes from lamp to surface to surface can be followed (radiosity, by rays
+from patches). Written in the functions of eq. (7), it is what the fit starts from: the photographs then only have to
+tell what the unknown surroundings add, which is smoother. Costs nothing at relighting, where only the sums are kept.
+
+Differs from the paper: it fits all of the indirect light (1.2.4), which takes as many photographs as functions.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float32, Float64, Int32
+from scipy.spatial import cKDTree
+
+from relight3d.errors import InputError
+from relight3d.lights import DirectionalLight, Light, PointLight
+from relight3d.maths.least_squares import solve_normal
+from relight3d.maths.light_basis import BASES, degree_of, embedding
+from relight3d.records import Indirect, Mirror, PatchMesh, ShadingPoints
+from relight3d.shading import cast_light, indirect_design
+from relight3d.tracing import RayScene
+
+GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)
+DAMPING = 1e-4  # of the mean diagonal, times the degree squared: for lights that leave some function untold
+INSET = 0.2  # patches stand so far from their vertex towards the middle of its faces: edges lie in two surfaces
+
+
+@dataclass(frozen=True)
+class BounceOptions:
+    """How finely light between surfaces is computed."""
+
+    num_rays: int = 128  # from each patch over its hemisphere; 0 leaves all indirect light to the photographs
+    basis: str = "sh2"  # its functions of the light, where those of the indirect light are not given
+    num_lights: int = 48  # directions of lamps that are tried, beside the photographed ones
+    max_patches: int = 12_000  # a finer mesh sends and gathers at so many of its vertices
+    min_gain_db: float = 0.1  # of left-out photographs, for it to be kept
+
+    def __post_init__(self) -> None:
+        if self.basis not in BASES:
+            raise InputError("bounce.basis", self.basis, f"one of {', '.join(BASES)}")
+        if not 0 <= self.num_rays <= 65536:
+            raise InputError("bounce.num_rays", self.num_rays, "0 to 65536")
+        if self.num_lights < 0:
+            raise InputError("bounce.num_lights", self.num_lights, "0 or more")
+        if self.max_patches < 1:
+            raise InputError("bounce.max_patches", self.max_patches, "1 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Transport:
+    """Which part of each patch's cosine-weighted hemisphere other patches fill, and how lamps light the patches."""
+
+    surface: Int32[np.ndarray, " patch"]
+    seen: sp.csr_matrix  # patch x patch
+    mirrored: tuple[sp.csr_matrix, ...]  # the same by way of each mirror
+    own: Float32[np.ndarray, "patch light"]  # direct irradiance for power 1
+    thrown: Float32[np.ndarray, "mirror patch light"]  # by way of the mirrors that throw light
+    lights: tuple[Light, ...]
+    hear: sp.csr_matrix  # patch x point: whose albedo it has; a row without entries has its surface's
+    to_sites: sp.csr_matrix  # site x patch
+    positions: Float32[np.ndarray, "patch 3"]
+
+
+def trace_transport(
+    scene: RayScene,
+    mesh: PatchMesh,
+    surface_of_face: Int32[np.ndarray, " face"],
+    points: ShadingPoints,
+    is_heard: np.ndarray,
+    site_of_vertex: sp.csr_matrix,
+    lights: tuple[Light, ...],
+    mirrors: tuple[Mirror, ...],
+    options: BounceOptions,
+) -> Transport | None:
+    """Trace between patches; None where it is not asked for, or no surface sees another (convex things in the void).
+
+    `is_heard` are the points whose albedo counts, `site_of_vertex` (site x vertex) says how sites blend vertices.
+    """
+    if options.num_rays == 0 or not lights:
+        return None
+    surface_of_vertex = np.zeros(len(mesh.vertices), np.int32)
+    surface_of_vertex[mesh.faces.ravel()] = np.repeat(surface_of_face, 3)
+    normals, face_normals = _turned_to_viewer(mesh, points)
+    chosen, nearest, blend = _patches(mesh, normals, options.max_patches)
+    patches = _as_points(mesh, normals, face_normals, chosen)
+    seen, mirrored = _hemispheres(
+        scene, mesh, face_normals, patches, nearest, mirrors, surface_of_face, options.num_rays
+    )
+    if seen.nnz == 0 and all(m.nnz == 0 for m in mirrored):
+        return None
+    throwing = [m for m in mirrors if m.throws_light]
+    own = np.empty((len(chosen), len(lights)), np.float32)
+    thrown = np.zeros((len(throwing), len(chosen), len(lights)), np.float32)
+    for column, light in enumerate(lights):
+        lit = cast_light(scene, patches, light, None, mirrors, surface_of_face)
+        own[:, column] = lit.form
+        if lit.thrown is not None:
+            thrown[:, :, column] = lit.thrown
+    hear = sp.csr_matrix(
+        (points.barycentric.max(axis=1) * is_heard,
+         (nearest[_main_corner(mesh, points.face, points.barycentric)], np.arange(len(points)))),
+        shape=(len(chosen), len(points)),
+    )  # fmt: skip
+    return Transport(
+        surface_of_vertex[chosen], seen, mirrored, own, thrown, lights, hear, (site_of_vertex @ blend).tocsr(),
+        patches.position,
+    )  # fmt: skip
+
+
+def bounced(
+    transport: Transport,
+    albedo: Float32[np.ndarray, "point 3"],
+    surface_albedo: Float64[np.ndarray, "surface 3"],
+    mirrors: tuple[Mirror, ...],
+    num_bounces: int = 3,
+) -> Float32[np.ndarray, "patch light 3"]:
+    """Irradiance that each patch gets from others under each light of power 1, after up to `num_bounces` of them."""
+    total = np.asarray(transport.hear.sum(axis=1))
+    heard = transport.hear @ albedo
+    own = np.where(total > 0, heard / np.maximum(total, 1e-12), surface_albedo[transport.surface])
+    own = np.clip(own, 0.0, 0.95)  # sums over bounces must converge
+    own = own.astype(np.float32)
+    own[np.isin(transport.surface, [m.surface for m in mirrors])] = 0.0  # a mirror sends what others send: traced
+    throwing = [m for m in mirrors if m.throws_light]
+    out = np.zeros((*transport.own.shape, 3), np.float32)
+    for color in range(3):
+        direct = transport.own.copy()
+        for one, patch in zip(throwing, transport.thrown, strict=True):
+            direct += np.float32(one.reflectance[color]) * patch
+        passes = transport.seen
+        for one, part in zip(mirrors, transport.mirrored, strict=True):
+            passes = passes + part * float(one.reflectance[color])
+        scale = own[:, color, None]
+        arrived = np.zeros_like(direct)
+        for _ in range(num_bounces):
+            arrived = (passes @ (scale * (direct + arrived))).astype(np.float32)
+        out[..., color] = arrived
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Bounced:
+    """Irradiance from surface to surface in functions of the light, for power 1."""
+
+    basis: str
+    coefficients: Float64[np.ndarray, "site basis 3"]
+
+
+def as_functions(
+    transport: Transport,
+    irradiance: Float32[np.ndarray, "patch light 3"],
+    basis: str,
+    anchors: Float64[np.ndarray, "light 3"],
+    softening: float,
+) -> Bounced:
+    """The computed irradiance in functions of the light, per site: least squares over the lights tried."""
+    rows = [indirect_design(basis, one, transport.positions, anchors, np.pi, softening) for one in transport.lights]
+    design = np.stack(np.broadcast_arrays(*rows), axis=1)  # (1 or patch, light, basis)
+    gram = np.einsum("nlu,nlv->nuv", design, design)
+    if len(design) == 1:
+        moment = np.einsum("lu,nlc->nuc", design[0], irradiance, optimize=True)
+        gram = np.broadcast_to(gram, (len(moment), *gram.shape[1:]))
+    else:
+        moment = np.einsum("nlu,nlc->nuc", design, irradiance, optimize=True)
+    damping = DAMPING * degree_of(basis) ** 2
+    value = solve_normal(gram, moment, damping=damping, diagnose=False).value
+    flat = transport.to_sites @ value.reshape(len(value), -1)
+    return Bounced(basis, flat.reshape(-1, BASES[basis], 3))
+
+
+def at_photographs(
+    bounced: Bounced, rows: Float64[np.ndarray, "#site photo #color basis"]
+) -> Float64[np.ndarray, "site photo 3"]:
+    """The computed irradiance of each site in each photograph, from the photographs' rows of the same functions."""
+    if len(rows) == 1 and rows.shape[2] == 1:
+        return np.einsum("lu,nuc->nlc", rows[0, :, 0], bounced.coefficients, optimize=True)
+    num, colors = len(bounced.coefficients), 3
+    rows = np.broadcast_to(rows, (num, rows.shape[1], colors, rows.shape[3]))
+    return np.einsum("nlcu,nuc->nlc", rows, bounced.coefficients, optimize=True)
+
+
+def added(indirect: Indirect, bounced: Bounced) -> Indirect:
+    """Fitted and computed light as one record; the fit's functions must be among those of the computed light."""
+    into = embedding(indirect.basis, bounced.basis)
+    total = bounced.coefficients + np.einsum("nbc,bk->nkc", indirect.coefficients, into)
+    return replace(indirect, basis=bounced.basis, coefficients=np.ascontiguousarray(total, np.float32))
+
+
+def lights_to_try(
+    photographed: tuple[tuple[Light, ...], ...],
+    anchors: Float64[np.ndarray, "light 3"],
+    reach_rad: float,
+    num_lights: int,
+) -> tuple[Light, ...]:
+    """Lamps of power 1: the photographed ones, and more within reach of those, since the functions are read there."""
+    one = (1.0, 1.0, 1.0)
+    every = [light for each in photographed for light in each if np.any(light.power > 0)]
+    if not every:
+        return ()
+    distances = [
+        float(np.linalg.norm(light.position)) if getattr(light, "position", None) is not None else np.inf
+        for light in every
+    ]  # fmt: skip
+    index = np.arange(8 * num_lights) + 0.5
+    z = 1.0 - 2.0 * index / max(8 * num_lights, 1)
+    ring, turn = np.sqrt(1.0 - z * z), GOLDEN_ANGLE * index
+    around = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    cosine = around @ anchors.T
+    near = cosine.max(axis=1) > np.cos(min(reach_rad, np.pi)) if num_lights else np.zeros(0, bool)
+    around, nearest = around[near], cosine.argmax(axis=1)[near] if num_lights else np.zeros(0, int)
+    take = np.linspace(0, len(around) - 1, min(num_lights, len(around))).astype(int)
+    directions = np.concatenate([anchors, around[take]])
+    distance = np.array(distances)[np.concatenate([np.arange(len(anchors)), nearest[take]]).astype(int)]
+    return tuple(
+        DirectionalLight(tuple(way), one) if np.isinf(far) else PointLight(tuple(way * far), one)
+        for way, far in zip(directions, distance, strict=True)
+    )
+
+
+# ------------------------------------------------------------------------------------------------ patches
+
+
+def _turned_to_viewer(
+    mesh: PatchMesh, points: ShadingPoints
+) -> tuple[Float32[np.ndarray, "vertex 3"], Float32[np.ndarray, "face 3"]]:
+    """Normals of vertices and faces, turned where the camera sees the side that they turn away from."""
+    corners = mesh.faces[points.face]
+    agree = np.einsum("pki,pi->pk", mesh.vertex_normals[corners], points.normal) * points.barycentric
+    vote = np.bincount(corners.ravel(), agree.ravel(), len(mesh.vertices))
+    normals = mesh.vertex_normals * np.where(vote < 0, -1.0, 1.0)[:, None].astype(np.float32)
+    along = np.einsum("fi,fki->f", mesh.face_normals, normals[mesh.faces])
+    return normals, mesh.face_normals * np.where(along < 0, -1.0, 1.0)[:, None].astype(np.float32)
+
+
+def _patches(mesh: PatchMesh, normals: np.ndarray, max_patches: int) -> tuple[np.ndarray, np.ndarray, sp.csr_matrix]:
+    """Which vertices are patches, the nearest patch of each vertex, and how vertices blend patches."""
+    num = len(mesh.vertices)
+    if num <= max_patches:
+        every = np.arange(num)
+        return every, every, sp.identity(num, format="csr", dtype=np.float32)
+    # Evenly by area: the vertex at every n-th step along a walk over the faces weighed by their areas.
+    total = np.cumsum(mesh.face_areas)
+    picks = np.searchsorted(total, (np.arange(max_patches) + 0.5) * total[-1] / max_patches)
+    chosen = np.unique(mesh.faces[np.minimum(picks, len(mesh.faces) - 1), 0])
+    keyed = np.concatenate([mesh.centered_vertices, 0.1 * mesh.radius * normals], axis=1)
+    count = min(3, len(chosen))
+    distance, index = cKDTree(keyed[chosen]).query(keyed, k=count)
+    distance, index = distance.reshape(num, count), index.reshape(num, count)
+    share = 1.0 / (distance + 1e-6 * mesh.radius)
+    share /= share.sum(axis=1, keepdims=True)
+    entries = (share.ravel().astype(np.float32), (np.repeat(np.arange(num), count), index.ravel()))
+    return chosen, index[:, 0], sp.csr_matrix(entries, shape=(num, len(chosen)))
+
+
+def _as_points(mesh: PatchMesh, normals: np.ndarray, face_normals: np.ndarray, chosen: np.ndarray) -> ShadingPoints:
+    """Patches as points to cast light to: a little inside one of their faces, since an edge lies in two surfaces."""
+    face = np.zeros(len(mesh.vertices), np.int32)
+    face[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces), dtype=np.int32), 3)
+    face = face[chosen]
+    corner = mesh.centered_vertices[chosen]
+    position = corner + np.float32(INSET) * (mesh.centered_vertices[mesh.faces[face]].mean(axis=1) - corner)
+    normal = np.ascontiguousarray(normals[chosen], np.float32)
+    num = len(chosen)
+    return ShadingPoints(
+        pixel=np.zeros(num, np.int32), face=face, barycentric=np.zeros((num, 3), np.float32),
+        position=position, geometric_normal=np.ascontiguousarray(face_normals[face]), normal=normal,
+        to_viewer=normal, depth=np.zeros(num, np.float32),
+    )  # fmt: skip
+
+
+def _hemispheres(
+    scene: RayScene,
+    mesh: PatchMesh,
+    face_normals: np.ndarray,
+    patches: ShadingPoints,
+    nearest: np.ndarray,
+    mirrors: tuple[Mirror, ...],
+    surface_of_face: np.ndarray,
+    num_rays: int,
+) -> tuple[sp.csr_matrix, tuple[sp.csr_matrix, ...]]:
+    """Shares of hemispheres, patch by patch: seen directly, and by way of each mirror."""
+    num = len(patches)
+    shape = (num, num)
+    blocks: list[list[sp.csr_matrix]] = [[] for _ in range(1 + len(mirrors))]
+    step = max(1, 2**20 // max(num_rays, 1))  # a million rays at once: 60 MB
+    for first in range(0, num, step):
+        part = np.arange(first, min(first + step, num))
+        origins, ways = _cosine_rays(patches.position[part], patches.normal[part], part, num_rays)
+        sender = np.repeat(part, num_rays)
+        offset = origins + np.repeat(patches.geometric_normal[part], num_rays, axis=0) * scene.offset_distance
+        hits = scene.first_hit(offset, ways)
+        blocks[0].append(_counted(mesh, face_normals, hits, ways, sender, nearest, shape, num_rays))
+        for k, one in enumerate(mirrors):
+            on = np.flatnonzero((hits.face >= 0) & (surface_of_face[np.maximum(hits.face, 0)] == one.surface))
+            normal = face_normals[hits.face[on]]
+            against = np.einsum("ri,ri->r", ways[on], normal)
+            on, normal, against = on[against < 0], normal[against < 0], against[against < 0]
+            bounce = offset[on] + hits.distance[on, None] * ways[on] + 4 * scene.offset_distance * normal
+            onward = ways[on] - 2 * against[:, None] * normal
+            again = scene.first_hit(bounce, onward)
+            blocks[k + 1].append(_counted(mesh, face_normals, again, onward, sender[on], nearest, shape, num_rays))
+    summed = [sum(block[1:], start=block[0]).tocsr() for block in blocks]
+    return summed[0], tuple(summed[1:])
+
+
+def _cosine_rays(position, normal, index, num_rays: int) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions, cosine-weighted by a spiral that each patch turns by its own angle."""
+    k = np.arange(num_rays) + 0.5
+    radius, angle = np.sqrt(k / num_rays), GOLDEN_ANGLE * k
+    turn = (GOLDEN_ANGLE * 7.0 * index)[:, None]
+    x, y, z = radius * np.cos(angle + turn), radius * np.sin(angle + turn), np.sqrt(1.0 - k / num_rays)
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, np.array([[1.0, 0, 0]]), np.array([[0, 1.0, 0]]))
+    tangent = np.cross(normal, helper)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    bitangent = np.cross(normal, tangent)
+    ways = x[..., None] * tangent[:, None] + y[..., None] * bitangent[:, None] + z[None, :, None] * normal[:, None]
+    return np.repeat(position, num_rays, axis=0), ways.reshape(-1, 3).astype(np.float32)
+
+
+def _counted(mesh: PatchMesh, face_normals, hits, ways, sender, nearest, shape, num_rays: int) -> sp.csr_matrix:
+    """Hits on front sides, as shares per pair of patches."""
+    good = np.flatnonzero(hits.face >= 0)
+    front = np.einsum("ri,ri->r", face_normals[hits.face[good]], ways[good]) < 0
+    good = good[front]
+    weights = np.stack([1.0 - hits.u - hits.v, hits.u, hits.v], axis=1)[good]
+    target = nearest[_main_corner(mesh, hits.face[good], weights)]
+    share = np.full(len(good), 1.0 / num_rays, np.float32)
+    return sp.csr_matrix((share, (sender[good], target)), shape=shape)
+
+
+def _main_corner(mesh: PatchMesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """The vertex of a face that a point in it is nearest to."""
+    return mesh.faces[face, weights.argmax(axis=1)]

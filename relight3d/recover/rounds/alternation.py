@@ -1,0 +1,212 @@
+"""Albedo and indirect light, which each need the other: solved in turn."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from relight3d.effects import SCENE
+from relight3d.maths.least_squares import Solution, robust_weights
+from relight3d.records import Mirror, Observations
+from relight3d.recover import bounce, diffuse, indirect
+from relight3d.recover.rounds.light import direct_irradiance
+from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
+from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
+
+MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
+NOT_TOLD = "nothing tells it from indirect light"
+ALL_OF_IT_DB = 100.0  # the gain of an effect without which there is nothing
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What one alternation is solved from, and does not change."""
+
+    observed: Observations
+    target: np.ndarray  # photo x point x 3: radiance less lobes
+    direct: np.ndarray  # photo x point x color: direct irradiance
+    pairs: np.ndarray  # across shadow borders
+    calm: np.ndarray  # photo x point: how much a display shows of an error there
+
+
+def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
+    """Albedo and indirect light in turn (trap 3), the albedo's scale held by the shadow borders (eq. 1)."""
+    options = stage.options
+    known = _Known(
+        observed,
+        observed.radiance if fitted.specular is None else observed.radiance - fitted.specular,
+        direct_irradiance(stage, observed, mirrors, fitted),
+        diffuse.border_pairs(observed, stage.points, stage.surface, stage.camera, options.diffuse),
+        # An error in the dark shows more than the same error in the light: the indirect light is fitted as it is seen.
+        dark_weights(observed.radiance, stage.white),
+    )
+    first = fitted.solution is None
+    steps = options.num_alternations if first else max(2, options.num_alternations // 2)
+    for step in range(steps):
+        # Texture is not judged before the indirect light is known: what that does to a pixel looks like texture.
+        judges = step == (steps - 1 if first else 0)
+        weight = diffuse_weights(stage, observed, fitted)
+        fitted = _fit_albedo(stage, known, weight, fitted, judges)
+        fitted = _fit_indirect(stage, known, weight, mirrors, fitted, is_last=step == steps - 1)
+    return fitted
+
+
+def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted, judges_texture: bool) -> Fitted:
+    """The albedo of every point: its texture from the photographs, times its surface's scale from the borders."""
+    observed, target, direct, options = known.observed, known.target, known.direct, stage.options.diffuse
+    num, is_first = stage.surfaces.num_surfaces, fitted.solution is None
+    albedo, information = diffuse.pixel_albedo(
+        observed, target, weight, direct, None if is_first else fitted.irradiance
+    )
+    information = information * edge_trust(observed)
+    if is_first:
+        fitted = replace(fitted, is_textured=neighbours_differ(stage, observed, albedo, num))
+    if judges_texture:
+        mean = surface_medians(albedo, information, stage.surface, num)
+        fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
+    owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
+    mean = surface_medians(albedo, information, owner, num_owners)
+    # A pixel that was lit faintly, or only grazed, leans on its surface's mean.
+    faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
+    told = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
+    relative = (1.0 + told * (albedo / np.maximum(mean[owner], 1e-6) - 1.0)).astype(np.float32)
+    border = diffuse.border_albedo(known.pairs, observed, target, direct, relative, owner, num_owners, options)
+    joint = _joint(stage, observed, target, weight, direct, relative, site_owner, num_owners)
+    bound = diffuse.upper_bound(observed, target, weight, direct, relative, owner, num_owners)
+    scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
+    # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
+    albedo = np.minimum(relative * scale[owner], np.maximum(1.0, 2.0 * scale[owner])).astype(np.float32)
+    return replace(
+        fitted, albedo=albedo, surface_albedo=surface_medians(albedo, information, stage.surface, num), owner=owner,
+        border=border, joint=joint, scale_words=words,
+    )  # fmt: skip
+
+
+def _fit_indirect(
+    stage: Stage, known: _Known, weight: np.ndarray, mirrors: tuple[Mirror, ...], fitted: Fitted, is_last: bool
+) -> Fitted:
+    """The indirect light of every site: what surfaces send one another, and beside it what the photographs add."""
+    observed, options, evidence = known.observed, stage.options.indirect, dict(fitted.evidence)
+    sites = indirect.site_positions(stage.mesh, stage.points, options.site)
+    whole = indirect.gather(stage.gather, weight * known.calm, fitted.albedo, known.target, known.direct)
+    bounced, computed, left = None, 0.0, whole
+    if stage.transport is not None:
+        arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
+        basis = stage.options.bounce.basis if options.basis == "auto" else options.basis
+        bounced = bounce.as_functions(stage.transport, arrived, basis, stage.anchors, stage.softening)
+        rows = indirect.light_rows(basis, observed, sites, stage.anchors, stage.softening)
+        computed = bounce.at_photographs(bounced, rows)
+        left = indirect.without(whole, computed)
+    lit = fitted.design
+    if lit is None:
+        lit = indirect.choose_basis(left, observed, sites, stage.anchors, stage.softening, options)
+        lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
+    solution = indirect.solve_sites(left, lit, diagnose=is_last)
+    at_sites = np.maximum(indirect.predict(solution, lit) + computed, 0.0).astype(np.float32)
+    irradiance = np.stack([stage.spread @ at_sites[:, photo] for photo in range(at_sites.shape[1])])
+    if is_last:
+        evidence["indirect", SCENE] = _indirect_evidence(whole, left, lit)
+    trust, blocked = trust_of(stage, observed, fitted.albedo, known.direct, irradiance, known.target)
+    return replace(
+        fitted, irradiance=irradiance, design=lit, solution=solution, bounced=bounced, trust=trust, blocked=blocked,
+        evidence=evidence,
+    )  # fmt: skip
+
+
+def _indirect_evidence(whole: indirect.SiteSums, left: indirect.SiteSums, lit: indirect.LightDesign) -> Evidence:
+    """What left-out photographs gain by indirect light, and how much of it by what is computed between surfaces."""
+    none, error = indirect.unexplained(whole), indirect.left_out_error(left, lit)
+    reason = "left-out photographs, leave-one-out of the linear fit"
+    if left is not whole:
+        reason += f"; {_decibels(indirect.left_out_error(whole, lit), error):.1f} dB by light from surface to surface"
+    return Evidence(_decibels(none, error), SCENE_NOISE_DB, reason)
+
+
+def _decibels(before: float, after: float) -> float:
+    return float(10 * np.log10(max(before, 1e-30) / max(after, 1e-30)))
+
+
+def _judge_ambient(
+    stage: Stage, observed: Observations, sums: indirect.SiteSums, lit: indirect.LightDesign
+) -> tuple[indirect.LightDesign, Evidence]:
+    """The functions of the light with or without the ambient's, and the evidence.
+
+    A photograph with the lights off shows nothing else; unequal intensities alone must predict left-out ones better.
+    """
+    if not lit.has_ambient:
+        return lit, Evidence(0.0, SCENE_NOISE_DB, NOT_TOLD)
+    is_seen = bool(observed.is_dark.any())
+    gain = ALL_OF_IT_DB if is_seen else indirect.ambient_gain_db(sums, lit)
+    evidence = Evidence(gain, SCENE_NOISE_DB, "a lights-off photograph" if is_seen else "told apart by intensities")
+    is_on = stage.forced.get(("ambient", SCENE), gain > SCENE_NOISE_DB)
+    return lit if is_on else indirect.without_ambient(lit), evidence
+
+
+def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.ndarray:
+    """What the diffuse fits believe: clear of borders and outlines, off the highlights, robustly trusted."""
+    weight = observed.weight * observed.is_safe * stage.is_matte
+    weight = weight * edge_trust(observed)[:, 0]
+    if observed.thrown is not None and fitted.solution is None:
+        # The mirrors' reflectance is not known yet, so what they throw is left out.
+        weight = weight * ~(observed.thrown.max(axis=(0, 3)) > 0)
+    if fitted.specular is None:
+        weight = weight * ~observed.is_highlight
+    else:
+        # Where a lobe shines, its error is as large as it is: the fits hear less of it, smoothly.
+        glare = fitted.specular.mean(axis=2) / np.maximum(0.25 * stage.white, 1e-12)
+        weight = weight / (1.0 + glare) ** 2
+    return (weight if fitted.trust is None else weight * fitted.trust).astype(np.float32)
+
+
+def dark_weights(radiance: np.ndarray, white: float) -> np.ndarray:
+    """Squared slope of a logarithm with a floor, at most 1: what a display shows of a difference."""
+    gray, floor = np.maximum(radiance.mean(axis=2), 0.0), np.float32(0.05 * white)
+    return ((floor / (gray + floor)) ** 2).astype(np.float32)
+
+
+def _joint(stage: Stage, observed, target, weight, direct, relative, site_owner, num_owners: int) -> Solution:
+    """Reflectance and indirect light at once, for surfaces that no shadow border crosses."""
+    basis = "linear" if len(observed.lights) >= 6 else "constant"
+    nowhere = np.zeros((1, 3), np.float32)
+    lit = indirect.design(basis, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect)
+    return diffuse.joint_albedo(
+        stage.hear, site_owner, num_owners, relative, target, (weight * observed.is_facing).astype(np.float32), direct,
+        lit.rows[0, :, 0],
+    )  # fmt: skip
+
+
+def _owners(stage: Stage, is_textured: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Whose albedo scale each point and each site has: its surface's, or its panel's where the surface is textured."""
+    surface = stage.surfaces.surface_of_face
+    of_face = np.where(is_textured[surface], stage.surfaces.num_surfaces + stage.panel_of_face, surface)
+    ids, of_face = np.unique(of_face, return_inverse=True)
+    of_face = of_face.ravel().astype(np.int32)
+    site, owner = stage.options.indirect.site, of_face[stage.points.face]
+    if site == "pixel":
+        return owner, owner, len(ids)
+    if site == "face":
+        return owner, of_face, len(ids)
+    at_vertex = np.zeros(len(stage.mesh.vertices), np.int32)
+    at_vertex[stage.mesh.faces.ravel()] = np.repeat(of_face, 3)
+    return owner, at_vertex, len(ids)
+
+
+def trust_of(stage: Stage, observed, albedo, direct, irradiance, target) -> tuple[np.ndarray, tuple[int, ...]]:
+    """Huber's weights by each point's own scatter and its predicted radiance (trap 13), and photographs that a blocker
+    or a stray lamp spoils as a whole (trap 10): those count a tenth.
+    """
+    predicted = (albedo / np.pi * (direct + irradiance)).mean(axis=2)
+    miss = target.mean(axis=2) - predicted
+    used = observed.is_safe & (observed.weight > 0) & stage.is_matte
+    own = 1.4826 * np.median(np.where(used, np.abs(miss), 0.0), axis=0)
+    dark = 1e-6 * stage.white  # what is darker than this is zero; a constant would have a unit
+    scale = np.maximum(own, 0.02 * predicted.mean(axis=0)) + dark
+    trust = robust_weights(miss, scale[None], 2.0)
+    lit = used & observed.is_lit & ~observed.is_highlight
+    relative = [
+        float(np.median(np.abs(miss[p, lit[p]]) / (predicted[p, lit[p]] + dark))) if lit[p].sum() > 50 else 0.0
+        for p in range(len(miss))
+    ]
+    limit = max(0.25, 4.0 * float(np.median(relative)))
+    blocked = tuple(int(p) for p in np.flatnonzero(np.array(relative) > limit))
+    trust[list(blocked)] *= 0.1
+    return trust.astype(np.float32), blocked if len(relative) >= 4 else ()

@@ -1,0 +1,87 @@
+"""Which surfaces are glossy (1.1.2), and their lobes."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from relight3d.records import Mirror, Observations
+from relight3d.recover import specular
+from relight3d.recover.rounds.light import direct_irradiance, specular_layers
+from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Fitted, Stage
+
+log = logging.getLogger("relight3d")
+MIN_INTERIOR = 150  # points off the outlines that a surface's lobes are fitted to alone
+
+
+def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
+    """Which surfaces are glossy (1.1.2), and their lobes."""
+    matte = (
+        fitted.albedo / np.float32(np.pi) * (direct_irradiance(stage, observed, mirrors, fitted) + fitted.irradiance)
+    )
+    lobes, fits, evidence = [], [], dict(fitted.evidence)
+    for s in range(stage.surfaces.num_surfaces):
+        mine = np.flatnonzero((stage.surface == s) & stage.is_matte & observed.is_interior)
+        if len(mine) < MIN_INTERIOR:  # a small surface is all outline: better its mixed pixels than none
+            mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
+        samples = _lobe_samples(stage, observed, fitted, matte, mine)
+        excess, scatter = specular.glossy_excess(samples, stage.white)
+        found, fit, gain, options = (), None, 0.0, stage.options.specular
+        if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
+            if ("lobes", s) in stage.forced:
+                options = replace(options, min_gain_db=ANY_GAIN)
+            found, fit, gain = specular.fit_lobes(samples, stage.white, _tangent(stage, s), options)
+        reason = f"{excess:.1f} scatters brighter than predicted near the mirror direction"
+        evidence["lobes", s] = Evidence(gain, stage.options.specular.min_gain_db, reason)
+        lobes.append(found)
+        fits.append(fit)
+        log.debug("%s: %s (scatter %.4f), %d lobes", stage.surfaces.names[s], reason, scatter, len(found))
+    fitted = replace(fitted, lobes=tuple(lobes), lobe_fits=tuple(fits), evidence=evidence)
+    return replace(fitted, specular=specular_layers(stage, observed, fitted))
+
+
+def _lobe_samples(stage: Stage, observed: Observations, fitted: Fitted, matte, mine) -> specular.LobeSamples:
+    """Samples of a surface under one light each, evenly over the angle to the mirror direction: the narrow peak is
+    heard as much as the wide rest.
+    """
+    single = np.array([len(each) == 1 for each in observed.lights])
+    usable = observed.is_lit & observed.is_safe & (observed.weight > 0) & single[:, None]
+    photo, point = np.nonzero(usable[:, mine])
+    point = mine[point]
+    to_light = np.zeros((len(photo), 3))
+    for p in np.unique(photo):
+        here = photo == p
+        to_light[here] = observed.lights[p][0].incident(stage.points.position[point[here]])[0]
+    normal, viewer = (a[point].astype(np.float64) for a in (fitted.normal, stage.points.to_viewer))
+    n_l, n_v = (np.einsum("si,si->s", normal, d) for d in (to_light, viewer))
+    angle = np.arccos(np.clip(2 * n_l * n_v - np.einsum("si,si->s", to_light, viewer), -1, 1))
+    bins = np.minimum((np.degrees(angle) / 3).astype(int), 39)
+    num = min(stage.options.specular.num_samples, len(photo))
+    chosen = np.zeros(0, int)
+    if num:
+        probability = 1.0 / np.bincount(bins, minlength=40)[bins]
+        rng = np.random.default_rng(7)
+        chosen = np.sort(rng.choice(len(photo), num, replace=False, p=probability / probability.sum()))
+    photo, point = photo[chosen], point[chosen]
+    before = np.maximum(np.einsum("si,si->s", stage.points.normal[point], to_light[chosen]), 0.02)
+    change = np.clip(np.maximum(n_l[chosen], 0) / before, 0, 20)
+    return specular.LobeSamples(
+        photo=photo,
+        normal=normal[chosen],
+        to_light=to_light[chosen],
+        to_viewer=viewer[chosen],
+        form=observed.form[photo, point].astype(np.float64) * change[:, None],
+        measured=observed.radiance[photo, point].astype(np.float64),
+        explained=matte[photo, point].astype(np.float64),
+        weight=np.ones(len(photo)),
+    )
+
+
+def _tangent(stage: Stage, s: int) -> np.ndarray:
+    """The surface's longest direction: brushed metal is mostly brushed along it."""
+    places = stage.points.position[stage.surface == s].astype(np.float64)
+    if len(places) < 3:
+        return np.array([1.0, 0.0, 0.0])
+    _, vectors = np.linalg.eigh(np.cov((places - places.mean(axis=0)).T))
+    along = vectors[:, -1]
+    return along * np.sign(along[np.argmax(np.abs(along))])

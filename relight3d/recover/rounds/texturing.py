@@ -1,0 +1,62 @@
+"""Which surfaces are textured, and what each surface's albedo is as a whole."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from relight3d.maths.least_squares import weighted_median
+from relight3d.records import Observations
+from relight3d.recover import texture
+from relight3d.recover.rounds.state import Evidence, Fitted, Stage
+
+
+def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
+    """The median albedo of each surface by what its points have to say.
+
+    By information, since a point that the light grazes turns any indirect light into albedo. A surface that no light
+    reaches has the mean of the others, and a half where none is reached.
+    """
+    out = np.full((num, 3), np.nan)
+    for s in range(num):
+        mine = np.flatnonzero(surface == s)
+        if (information[mine] > 0).any():
+            out[s] = [weighted_median(albedo[mine, c], information[mine, c].astype(np.float64)) for c in range(3)]
+    is_known = np.isfinite(out[:, :1])
+    others = out[is_known[:, 0]].mean(axis=0) if is_known.any() else np.full(3, 0.5)
+    return np.where(is_known, out, others)
+
+
+def neighbours_differ(stage: Stage, observed: Observations, albedo: np.ndarray, num: int) -> np.ndarray:
+    """A first look at texture, before any indirect light is known: by neighbours alone, which share theirs."""
+    options = stage.options.texture
+    measured = texture.difference_measure(observed, stage.points, stage.surface, albedo, stage.camera, num, options)
+    return np.array([replace(m, spread=0.0).is_textured(options) for m in measured])
+
+
+def judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted: Fitted) -> Fitted:
+    """Which surfaces are textured (1.1.1), and which keep an albedo per pixel: those whose left-out photographs gain."""
+    options = stage.options.texture
+    glare = observed.is_highlight
+    if fitted.specular is not None:
+        glare = glare | (fitted.specular.mean(axis=2) > 0.05 * np.abs(target).mean(axis=2))
+    measured = texture.difference_measure(
+        replace(observed, radiance=target, is_highlight=glare),
+        stage.points,
+        stage.surface,
+        albedo,
+        stage.camera,
+        len(mean),
+        options,
+    )
+    # What a lobe leaves unexplained differs between neighbours as well: a gloss must differ by twice as much.
+    strict = replace(options, min_difference=2 * options.min_difference)
+    shows = np.array([m.is_textured(strict if fitted.lobes[s] else options) for s, m in enumerate(measured)])
+    light = direct + fitted.irradiance
+    gains = texture.left_out_gain(target, weight, light, stage.surface, len(mean), stage.white)
+    evidence = dict(fitted.evidence)
+    kept = np.zeros(len(mean), bool)
+    for s, (gain, noise) in enumerate(gains):
+        kept[s] = stage.forced.get(("texture", s), shows[s] or gain > max(options.min_gain_db, 2 * noise))
+        reason = f"neighbours differ by {100 * measured[s].typical:.0f} %, spread {100 * measured[s].spread:.0f} %"
+        evidence["texture", s] = Evidence(gain, noise, reason)
+    return replace(fitted, is_textured=kept, texture_shows=shows, evidence=evidence)
