@@ -152,7 +152,7 @@ def as_functions(
     transport: Transport,
     irradiance: Float32[np.ndarray, "patch light 3"],
     basis: str,
-    anchors: Float64[np.ndarray, "light 3"],
+    anchors: Float64[np.ndarray, "anchor 3"],
     softening: float,
 ) -> Bounced:
     """The computed irradiance in functions of the light, per site: least squares over the lights tried."""
@@ -190,31 +190,30 @@ def added(indirect: Indirect, bounced: Bounced) -> Indirect:
 
 def lights_to_try(
     photographed: tuple[tuple[Light, ...], ...],
-    anchors: Float64[np.ndarray, "light 3"],
+    anchors: Float64[np.ndarray, "anchor 3"],
     reach_rad: float,
     num_lights: int,
 ) -> tuple[Light, ...]:
     """Lamps of power 1: the photographed ones, and more within reach of those, since the functions are read there."""
-    one = (1.0, 1.0, 1.0)
+    white = (1.0, 1.0, 1.0)
     every = [light for each in photographed for light in each if np.any(light.power > 0)]
     if not every:
         return ()
-    distances = [
-        float(np.linalg.norm(light.position)) if getattr(light, "position", None) is not None else np.inf
-        for light in every
-    ]  # fmt: skip
+    distances = np.array(
+        [np.inf if isinstance(one, DirectionalLight) else np.linalg.norm(one.position) for one in every]
+    )
     index = np.arange(8 * num_lights) + 0.5
-    z = 1.0 - 2.0 * index / max(8 * num_lights, 1)
+    z = 1.0 - index / max(4 * num_lights, 1)
     ring, turn = np.sqrt(1.0 - z * z), GOLDEN_ANGLE * index
     around = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
     cosine = around @ anchors.T
-    near = cosine.max(axis=1) > np.cos(min(reach_rad, np.pi)) if num_lights else np.zeros(0, bool)
-    around, nearest = around[near], cosine.argmax(axis=1)[near] if num_lights else np.zeros(0, int)
+    near = cosine.max(axis=1) > np.cos(min(reach_rad, np.pi))
+    around, nearest = around[near], cosine[near].argmax(axis=1)
     take = np.linspace(0, len(around) - 1, min(num_lights, len(around))).astype(int)
     directions = np.concatenate([anchors, around[take]])
-    distance = np.array(distances)[np.concatenate([np.arange(len(anchors)), nearest[take]]).astype(int)]
+    distance = np.concatenate([distances, distances[nearest[take]]])
     return tuple(
-        DirectionalLight(tuple(way), one) if np.isinf(far) else PointLight(tuple(way * far), one)
+        DirectionalLight(tuple(way), white) if np.isinf(far) else PointLight(tuple(way * far), white)
         for way, far in zip(directions, distance, strict=True)
     )
 
@@ -290,6 +289,11 @@ def _hemispheres(
         origins, ways = _cosine_rays(patches.position[part], patches.normal[part], part, num_rays)
         sender = np.repeat(part, num_rays)
         offset = origins + np.repeat(patches.geometric_normal[part], num_rays, axis=0) * scene.offset_distance
+        # A shading normal leans over: what it looks at below its own face would be that face's neighbours.
+        above = np.flatnonzero(
+            np.einsum("ri,ri->r", ways, np.repeat(patches.geometric_normal[part], num_rays, axis=0)) > 0
+        )
+        offset, ways, sender = offset[above], ways[above], sender[above]
         hits = scene.first_hit(offset, ways)
         blocks[0].append(_counted(mesh, face_normals, hits, ways, sender, nearest, shape, num_rays))
         for k, one in enumerate(mirrors):

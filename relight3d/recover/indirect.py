@@ -164,7 +164,7 @@ def light_rows(
     sites: Float32[np.ndarray, "site 3"],
     anchors: Float64[np.ndarray, "light 3"],
     softening: float,
-) -> Float64[np.ndarray, "site photo color unknown"]:
+) -> Float64[np.ndarray, "row photo color unknown"]:
     """Shares times strength times basis; one row of sites for lights at infinity, one of colours for single lights."""
     all_directional = all(light.kind == "directional" for each in observed.lights for light in each)
     num_sites = 1 if all_directional else len(sites)
@@ -304,10 +304,15 @@ def choose_basis(
     anchors: np.ndarray,
     softening: float,
     options: IndirectOptions,
+    most: int = 9,
 ) -> LightDesign:
-    """The basis asked for, or the one that predicts left-out photographs best; fewer functions than photographs."""
+    """The basis asked for, or the one that predicts left-out photographs best; fewer functions than photographs.
+
+    Of those that `auto` tries, none with more than `most` functions.
+    """
     names = ("constant", "linear", "sh2") if options.basis == "auto" else (options.basis,)
-    usable = [n for n in names if BASES[n] < max(len(observed.lights), 2)] or ["constant"]
+    fewer = min(max(len(observed.lights), 2) - 1, most if options.basis == "auto" else max(BASES.values()))
+    usable = [name for name in names if BASES[name] <= fewer] or ["constant"]
     designs = [design(name, observed, sites, anchors, softening, options) for name in usable]
     if len(designs) == 1:
         return designs[0]

@@ -84,21 +84,27 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
 def _fit_indirect(
     stage: Stage, known: _Known, weight: np.ndarray, mirrors: tuple[Mirror, ...], fitted: Fitted, is_last: bool
 ) -> Fitted:
-    """The indirect light of every site: what surfaces send one another, and beside it what the photographs add."""
+    """The indirect light of every site: what surfaces send one another, as far as left-out photographs are predicted
+    better with it, and beside it what the photographs add.
+    """
     observed, options, evidence = known.observed, stage.options.indirect, dict(fitted.evidence)
     sites = indirect.site_positions(stage.mesh, stage.points, options.site)
     whole = indirect.gather(stage.gather, weight * known.calm, fitted.albedo, known.target, known.direct)
-    bounced, computed, left = None, 0.0, whole
-    if stage.transport is not None:
+    bounced, computed, left, lit = None, 0.0, whole, fitted.design
+    if stage.transport is not None and (lit is None or fitted.bounced is not None):
         arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
         basis = stage.options.bounce.basis if options.basis == "auto" else options.basis
         bounced = bounce.as_functions(stage.transport, arrived, basis, stage.anchors, stage.softening)
         rows = indirect.light_rows(basis, observed, sites, stage.anchors, stage.softening)
         computed = bounce.at_photographs(bounced, rows)
         left = indirect.without(whole, computed)
-    lit = fitted.design
     if lit is None:
         lit = indirect.choose_basis(left, observed, sites, stage.anchors, stage.softening, options)
+        if bounced is not None:
+            alone = indirect.choose_basis(whole, observed, sites, stage.anchors, stage.softening, options)
+            gain = _decibels(indirect.left_out_error(whole, alone), indirect.left_out_error(left, lit))
+            if gain < stage.options.bounce.min_gain_db:
+                bounced, computed, left, lit = None, 0.0, whole, alone
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
     at_sites = np.maximum(indirect.predict(solution, lit) + computed, 0.0).astype(np.float32)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse as sp
 
 from relight3d.camera import Camera
 from relight3d.effects import forced_states
@@ -34,9 +35,9 @@ class Stage:
     surface: np.ndarray  # of each point
     panel_of_face: np.ndarray  # smooth pieces of surfaces
     is_matte: np.ndarray  # point: not on a mirror
-    hear: object  # sites hear their own points
-    gather: object  # and their neighbours' too
-    spread: object  # points read sites
+    hear: sp.csr_matrix  # sites hear their own points
+    gather: sp.csr_matrix  # and their neighbours' too
+    spread: sp.csr_matrix  # points read sites
     transport: bounce.Transport | None  # between surfaces; None where none sees another
     anchors: np.ndarray
     softening: float
