@@ -51,7 +51,18 @@ def _beats(one: Point, other: Point) -> bool:
 
 
 def on_one_clock(points: Sequence[Point]) -> list[Point]:
-    """Frames' times by the default's beside them, times one default time: what else the machine did drops out."""
+    """Times as if nothing else had run: frames' by the default's beside them, recoveries' by their processor seconds."""
+    return _recoveries_on_one_clock(_frames_on_one_clock(points))
+
+
+def _recoveries_on_one_clock(points: Sequence[Point]) -> list[Point]:
+    """Processor seconds times the clock's seconds that one took in the recovery that was disturbed least."""
+    rates = [p.recovery_s / p.recovery_cpu_s for p in points if p.recovery_s and p.recovery_cpu_s]
+    return [replace(p, recovery_s=p.recovery_cpu_s * min(rates)) if p.recovery_cpu_s else p for p in points]
+
+
+def _frames_on_one_clock(points: Sequence[Point]) -> list[Point]:
+    """Each time by the default's beside it, times one default time."""
     beside = sorted(p.default_ms for p in points if p.default_ms)
     if not beside:
         return list(points)

@@ -27,17 +27,23 @@ def error_plot(study: Study, family: str) -> str:
     points, names = dominated(study.family(family))
     ours = [(p, by) for p, by in zip(points, names) if p.factor != "baseline"]
     others = [p for p in points if p.factor == "baseline"]
-    front = [p for p, by in zip(points, names) if not by]
+    front = [p for p, by in zip(points, names) if not by and p.factor != "baseline"]
     axes.plot([cost_of(p) for p in front], [p.psnr_db for p in front], color=FRONT, lw=1.2, zorder=1)
     for point, by in ours:
         color = DEFAULT if point.factor == "default" else OTHER if by else FRONT
         axes.plot(cost_of(point), point.psnr_db, "o", ms=6, color=color, mfc="white" if by else color)
         if family == RENDER and point.frame_low_ms and point.frame_high_ms:
             axes.plot([point.frame_low_ms, point.frame_high_ms], [point.psnr_db] * 2, color=color, lw=0.8, alpha=0.6)
-    if others:
-        axes.plot([cost_of(p) for p in others], [p.psnr_db for p in others], "^", ms=7, color=FAINT)
-    _label(axes, [p for p, _ in ours if p in front or p.factor == "default"] + others)
+    # Interpolation is fitted in no time: it stands at the rim, so that our own costs have the room.
+    rim = 0.6 * min((cost_of(p) for p, _ in ours), default=1.0)
+    shown = [p for p, _ in ours if p in front or p.factor == "default"]
+    places = [(cost_of(p), p.psnr_db, _label_of(p)) for p in shown]
+    for p in others:
+        place = max(cost_of(p), rim)
+        axes.plot(place, p.psnr_db, "^" if place > rim else "<", ms=7, color=FAINT)
+        places.append((place, p.psnr_db, p.name if place > rim else f"{p.name} ({cost_of(p):.2g} s)"))
     axes.set_xscale("log")
+    _label(axes, places)
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
@@ -92,24 +98,37 @@ def growth_plot(growth: Sequence[Growth]) -> str:
     return _svg(figure, *grid[: len(growth)])
 
 
-def _label(axes: Axes, points: Sequence[Point]) -> None:
-    """Names beside points, one under the other where points crowd."""
-    if not points:
+def _label_of(point: Point) -> str:
+    is_clear = point.factor in ("baseline", "default", "combined", "photographs", "faces")
+    return point.name if is_clear else f"{point.factor}: {point.name}"
+
+
+def _label(axes: Axes, places: Sequence[tuple[float, float, str]]) -> None:
+    """Names beside (cost, PSNR), one under the other where points crowd, then with a line to the point."""
+    if not places:
         return
     taken: list[tuple[float, float]] = []
-    height = max(p.psnr_db for p in points) - min(p.psnr_db for p in points) + 1e-9
-    costs = np.log([max(cost_of(p), 1e-6) for p in points])
+    height = max(y for _, y, _ in places) - min(y for _, y, _ in places) + 1e-9
+    costs = np.log([max(x, 1e-6) for x, _, _ in places])
     width = float(np.ptp(costs)) + 1e-9
-    for point in sorted(points, key=lambda p: -p.psnr_db):
-        x, y = np.log(max(cost_of(point), 1e-6)) / width, point.psnr_db / height
+    for cost, psnr_db, name in sorted(places, key=lambda place: (-place[1], -place[0])):
+        x, y = np.log(max(cost, 1e-6)) / width, psnr_db / height
         while any(abs(x - u) < 0.35 and abs(y - v) < 0.05 for u, v in taken):
             y -= 0.005
         taken.append((x, y))
-        is_clear = point.factor in ("baseline", "default", "combined", "photographs", "faces")
-        name = point.name if is_clear else f"{point.factor}: {point.name}"
         halo = [withStroke(linewidth=2.5, foreground="white")]
-        place = (cost_of(point), y * height)
-        axes.annotate(name, place, textcoords="offset points", xytext=(8, -3), fontsize=8, color=INK, path_effects=halo)
+        is_moved = psnr_db - y * height > 0.02 * height
+        line = {"arrowstyle": "-", "color": FAINT, "lw": 0.6, "shrinkA": 0, "shrinkB": 4} if is_moved else None
+        axes.annotate(
+            name,
+            (cost, psnr_db),
+            xytext=(cost * np.exp(0.03 * width), y * height),
+            va="center",
+            fontsize=8,
+            color=INK,
+            path_effects=halo,
+            arrowprops=line,
+        )
 
 
 def _svg(figure: Figure, *all_axes: Axes) -> str:
