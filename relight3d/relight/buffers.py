@@ -134,8 +134,8 @@ def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
     for lobes in model.lobes:
         for lobe in lobes:
             isotropic = float(lobe.axes[0] == lobe.axes[1])
-            # exp(-20) = 2e-9 of the peak: below it a power is not worth its logarithm.
-            dark = np.exp(-20.0 / max(lobe.exponent, 1e-6))
+            # exp(-20) = 2e-9 of the peak: below it a power is not worth its logarithm. Never 0, which has none.
+            dark = max(np.exp(-20.0 / max(lobe.exponent, 1e-6)), 1e-30)
             rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, isotropic, dark])
         ends.append(len(rows))
     table = np.array(rows, np.float32).reshape(-1, 12)

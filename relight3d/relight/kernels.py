@@ -3,6 +3,9 @@
 Each loop walks a slice of the points and holds no lock, so that tiles run on any thread. They compute what forward.py
 computes, in float32 and in its order where a comparison hangs on it; no fast maths, so that a NaN stays one. A light
 is one row of numbers (`light_row`), for power 1 but for its colour; vectors of points are planes (3 x point).
+
+Trap: what numba keeps on disk goes by the file of the function that is called, not of those that it calls. Who changes a
+helper that another file uses removes `__pycache__/*.nb?` there, or goes on running the old one.
 """
 
 import math

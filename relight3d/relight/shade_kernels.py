@@ -95,8 +95,8 @@ def _add_diffuse(lights, light, diffuse, a, b, work):
 
 
 @inlined
-def _raise(base, exponent, mantissa, power):
-    """power = base ** exponent for bases in (0, 1], as exact as float32 lets the exponent's product be."""
+def _raise(base, exponent, dark, mantissa, power):
+    """power = base ** exponent for bases in (dark, 1], as exact as float32 lets the exponent's product be; else 0."""
     bits, whole = base.view(np.int32), mantissa.view(np.int32)
     for i in range(len(base)):
         # base = 2^e * m with m in [sqrt(1/2), sqrt(2)): near 1, where lobes peak, e = 0 and nothing cancels.
@@ -114,7 +114,7 @@ def _raise(base, exponent, mantissa, power):
         power[i] = ONE + f * (ONE + f * (HALF + f * (EXP_3 + f * tail)))
         whole[i] = (np.int32(k) + EXPONENT_OF_ONE) << MANTISSA_BITS
     for i in range(len(base)):
-        power[i] *= mantissa[i]
+        power[i] = power[i] * mantissa[i] if base[i] > dark else ZERO
 
 
 @inlined
@@ -177,7 +177,7 @@ def _add_lobes(lights, light, lobes, rows, normal, viewer, gloss, a, first, last
             begun = True
         for i in range(len(base)):  # below `dark` the power is too small to be seen; a NaN is dark
             base[i] = min(base[i], ONE) if base[i] > dark else dark
-        _raise(base, lobes[k, 6], mantissa, power)
+        _raise(base, lobes[k, 6], dark, mantissa, power)
         for c in range(3):
             tint, out = lobes[k, c], work[LOBES + c, first:last]
             for i in range(len(base)):
