@@ -4,6 +4,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -23,6 +24,10 @@ logger = logging.getLogger(__name__)
 PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.5, "fast": 3.0}
 NUM_TRIALS = 6  # settings that are timed at most, beside the exact and the cheapest one
 TOLERANCE = 1.05  # a median so much above the budget still fits it: medians of a few frames are no surer
+
+# Clocks of settings timed in this process, in parts of the exact frame's time: what else the machine does changes that
+# time and not the parts, so that two budgets are chosen by the same figures.
+_ratios: "WeakKeyDictionary[RelightModel, dict[tuple, dict[int, dict[str, float]]]]" = WeakKeyDictionary()
 
 Choice = tuple[RelightOptions, tuple[str, ...]]
 
@@ -101,11 +106,17 @@ def within(relighter: "Relighter", budget_ms: float | None, max_error_db: float 
     standard = _with(relighter, RelightOptions())
     clocks = {0: frame_clocks(standard)}
     exact_ms = sum(clocks[0].values())
+    camera = relighter.camera
+    ratios = _ratios.setdefault(relighter.given_model, {}).setdefault(
+        (camera.width, camera.height, camera.world_from_camera.tobytes()), {}
+    )
+    clocks |= {k: {name: ratio * exact_ms for name, ratio in each.items()} for k, each in ratios.items()}
 
     def time_it(k: int) -> None:
         clocks[k] = clocks_beside(_with(standard, options_of(prices[k])), standard, exact_ms)
+        ratios[k] = {name: ms / exact_ms for name, ms in clocks[k].items()}
 
-    if cheapest != 0:
+    if cheapest not in clocks:
         time_it(cheapest)
     for trial in range(NUM_TRIALS + 1):
         timed = [prices[k].work for k in clocks]
