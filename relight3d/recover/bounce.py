@@ -140,6 +140,12 @@ def bounced(
     return out
 
 
+def openness(transport: Transport) -> Float64[np.ndarray, " site"]:
+    """The share of each site's cosine-weighted hemisphere that no surface fills, at least a fiftieth."""
+    filled = np.asarray(transport.seen.sum(axis=1)).ravel()
+    return np.clip(1.0 - transport.to_sites @ filled, 0.02, 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Bounced:
     """Irradiance from surface to surface in functions of the light, for power 1."""

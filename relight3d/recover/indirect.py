@@ -352,8 +352,13 @@ def indirect_of(
     return indirect, health
 
 
-def fill_unseen(mesh: PatchMesh, indirect: Indirect, health: Health) -> tuple[Indirect, Health]:
-    """Sites without data take the mean of the nearest sites that have some (by distance and normal)."""
+def fill_unseen(
+    mesh: PatchMesh, indirect: Indirect, health: Health, openness: Float64[np.ndarray, " site"] | None = None
+) -> tuple[Indirect, Health]:
+    """Sites without data take the mean of the nearest sites that have some (by distance and normal).
+
+    With `openness` (0 to 1, how much of its surroundings each site looks at) they take it by how open they are.
+    """
     from dataclasses import replace
 
     missing = health.status == Status.NO_DATA
@@ -372,6 +377,8 @@ def fill_unseen(mesh: PatchMesh, indirect: Indirect, health: Health) -> tuple[In
     distance, nearest = distance.reshape(missing.sum(), -1), nearest.reshape(missing.sum(), -1)
     share = 1.0 / np.maximum(distance, 1e-9 * mesh.radius + 1e-30)
     share /= share.sum(axis=1, keepdims=True)
+    if openness is not None:
+        share = share * (openness[missing][:, None] / openness[~missing][nearest])
     coefficients, ambient = indirect.coefficients.copy(), indirect.ambient.copy()
     coefficients[missing] = np.einsum("nk,nkbc->nbc", share, indirect.coefficients[~missing][nearest])
     ambient[missing] = np.einsum("nk,nkc->nc", share, indirect.ambient[~missing][nearest])

@@ -2,7 +2,9 @@
 
 A surface is textured when neighbouring pixels differ strongly and by the same factor in every photograph: a factor that
 changes with the light is relief, not texture. The de-lit texture is per pixel: by default from the same least squares
-as everything else (diffuse.pixel_albedo); `reciprocal_texture` is the paper's eq. (2), linear in the reciprocals.
+as everything else (diffuse.pixel_albedo), or on demand by the paper's eq. (2), linear in the reciprocals, which has no
+say in how noise is weighed. The texture-free mean of eq. (3) is what indirect.gather sums to each site: radiance over
+albedo, weighted.
 """
 
 from dataclasses import dataclass
@@ -139,64 +141,76 @@ def left_out_gain(
     return [(float(gain[s]), float(gains[:, s].std() / num_folds**0.5)) for s in range(num_surfaces)]
 
 
+def by_reciprocals(
+    target: Float32[np.ndarray, "photo point 3"],
+    weight: Float32[np.ndarray, "photo point"],
+    direct: Float32[np.ndarray, "photo point color"],
+    face: Int32[np.ndarray, " point"],
+    albedo: Float32[np.ndarray, "point 3"],
+    max_pixels: int = 64,
+) -> Float32[np.ndarray, "point 3"]:
+    """The albedo with its texture inside each face by eq. (2): its ratios there, and the face's mean as it was.
+
+    A photograph counts for a face whose pixels all have weight in it. Faces of one pixel, of more than `max_pixels`, and
+    those that eq. (2) leaves without a positive answer keep what they have.
+    """
+    out = albedo.copy()
+    order = np.argsort(face, kind="stable")
+    faces, first, count = np.unique(face[order], return_index=True, return_counts=True)
+    for size in np.unique(count[(count > 1) & (count <= max_pixels)]):
+        points = order[first[count == size][:, None] + np.arange(size)]  # face x pixel
+        whole = (weight[:, points] > 0).all(axis=2).T[..., None]  # face x photo x 1
+        for color in range(3):
+            light = direct[:, points, min(color, direct.shape[2] - 1)].transpose(1, 0, 2).astype(np.float64)
+            radiance = target[:, points, color].transpose(1, 0, 2).astype(np.float64)
+            found = reciprocal_texture(np.where(whole, radiance, 0.0), np.where(whole, light, 0.0))
+            value = found.value[..., 0]
+            mean = albedo[points, color].mean(axis=1, keepdims=True)
+            good = (found.status != Status.NO_DATA) & (value > 0).all(axis=1)
+            ratio = value / np.maximum(value.mean(axis=1, keepdims=True), 1e-12)
+            out[points[good], color] = (ratio * mean)[good]
+    return out
+
+
 def reciprocal_texture(
-    radiance: Float64[np.ndarray, "photo pixel"], direct: Float64[np.ndarray, "photo pixel"]
+    radiance: Float64[np.ndarray, "face photo pixel"], direct: Float64[np.ndarray, "face photo pixel"]
 ) -> Solution:
-    """Albedos of pixels that share one indirect light, eq. (2): linear in 1 / albedo, one face and one colour.
+    """Albedos of pixels of one colour that share their face's indirect light, eq. (2): linear in 1 / albedo.
 
     I_i / k_i - I_1 / k_1 = w_i - w_1 over all photographs, I being pi * radiance and w the direct irradiance. `value`
-    is (pixel, 1, 1) of albedos. Where every right side is zero (a flat face under a distant light, trap 7) only the
+    is (face, pixel, 1) of albedos. Where every right side is zero (a flat face under a distant light, trap 7) only the
     ratios are fixed: the status is RANK_DEFICIENT, the ratios are right, and the largest albedo is 1 until a scale is
     found elsewhere (eq. 1). Pixels equal in every photograph come out equal.
     """
     radiance, direct = np.asarray(radiance, np.float64) * np.pi, np.asarray(direct, np.float64)
-    num_photos, num_pixels = radiance.shape
-    condition = np.inf
-    usable = np.isfinite(radiance).all() and np.isfinite(direct).all() and (radiance > 0).any()
-    if not usable or num_pixels < 2:
-        return _texture_solution(np.zeros(num_pixels), Status.NO_DATA, 0, np.inf, 0.0)
+    num_faces, num_photos, num_pixels = radiance.shape
+    usable = np.isfinite(radiance).all(axis=(1, 2)) & np.isfinite(direct).all(axis=(1, 2))
+    usable &= (np.where(np.isfinite(radiance), radiance, 0.0) > 0).any(axis=(1, 2)) & (num_pixels > 1)
+    radiance, direct = (np.where(usable[:, None, None], a, 1.0) for a in (radiance, direct))
     # Eliminating the shared indirect light is subtracting each photograph's mean over the pixels.
     center = np.eye(num_pixels) - 1.0 / num_pixels
-    matrix = np.concatenate([center * row for row in radiance])
-    side = (direct - direct.mean(axis=1, keepdims=True)).ravel()
-    size = np.linalg.norm(matrix)
-    u, s, vt = np.linalg.svd(matrix / size, full_matrices=False)
-    if np.linalg.norm(side) <= 1e-9 * max(np.linalg.norm(direct), 1e-30):
-        # Homogeneous: the reciprocals are the null vector, known up to a scale.
-        null = vt[-1] if np.abs(vt[-1].sum()) > 0 else np.ones(num_pixels)
-        reciprocal = np.abs(null)
-        status, rank = Status.RANK_DEFICIENT, num_pixels - 1
-        albedo = 1.0 / np.maximum(reciprocal, 1e-12 * reciprocal.max())
-        return _texture_solution(albedo / albedo.max(), status, rank, condition, float(s[-1]))
-    keep = s > 2 * np.finfo(np.float64).eps * max(matrix.shape) * s[0]
-    reciprocal = vt.T @ (np.where(keep, 1 / np.where(keep, s, 1.0), 0.0) * (u.T @ side)) / size
-    rank = int(keep.sum())
-    condition = float(s[0] / s[-1]) if rank == num_pixels else np.inf
-    status = Status.OK if rank == num_pixels and (reciprocal > 0).all() else Status.RANK_DEFICIENT
-    albedo = np.where(reciprocal > 0, 1.0 / np.maximum(reciprocal, 1e-12), 0.0)
-    miss = float(np.sqrt(np.mean((matrix @ reciprocal - side) ** 2)))
-    return _texture_solution(albedo, status, rank, condition, miss)
-
-
-def _texture_solution(albedo: np.ndarray, status: Status, rank: int, condition: float, miss: float) -> Solution:
-    num = len(albedo)
+    matrix = (center * radiance[:, :, None, :]).reshape(num_faces, num_photos * num_pixels, num_pixels)
+    side = (direct - direct.mean(axis=2, keepdims=True)).reshape(num_faces, -1, 1)
+    size = np.maximum(np.linalg.norm(matrix, axis=(1, 2)), 1e-300)
+    u, s, vt = np.linalg.svd(matrix / size[:, None, None], full_matrices=False)
+    flat = np.linalg.norm(side, axis=(1, 2)) <= 1e-9 * np.maximum(np.linalg.norm(direct, axis=(1, 2)), 1e-30)
+    keep = s > 2 * np.finfo(np.float64).eps * max(matrix.shape[1:]) * s[:, :1]
+    steps = np.where(keep, 1 / np.where(keep, s, 1.0), 0.0)[..., None] * (u.transpose(0, 2, 1) @ side)
+    reciprocal = (vt.transpose(0, 2, 1) @ steps)[..., 0] / size[:, None]
+    # Homogeneous: the reciprocals are the null vector, known up to a scale.
+    reciprocal = np.where(flat[:, None], np.abs(vt[:, -1]), reciprocal)
+    floor = np.where(flat, 1e-12 * np.abs(vt[:, -1]).max(axis=1), 1e-12)[:, None]
+    albedo = np.where(reciprocal > 0, 1.0 / np.maximum(reciprocal, floor), 0.0)
+    albedo = np.where(flat[:, None], albedo / np.maximum(albedo.max(axis=1, keepdims=True), 1e-300), albedo)
+    rank = np.where(flat, num_pixels - 1, keep.sum(axis=1)).astype(np.int32)
+    is_full = ~flat & (rank == num_pixels)
+    condition = np.where(is_full, s[:, 0] / np.where(is_full, s[:, -1], 1.0), np.inf)
+    miss = np.sqrt(np.mean((matrix @ reciprocal[..., None] - side) ** 2, axis=(1, 2)))
+    status = np.where(is_full & (reciprocal > 0).all(axis=1), Status.OK, Status.RANK_DEFICIENT)
     return Solution(
-        albedo.reshape(num, 1, 1),
-        np.full(num, status, np.int8),
-        np.full(num, rank, np.int32),
-        np.full(num, condition),
-        np.full(num, miss),
+        np.where(usable[:, None], albedo, 0.0)[..., None],
+        np.where(usable, status, Status.NO_DATA).astype(np.int8),
+        np.where(usable, rank, 0).astype(np.int32),
+        np.where(usable, condition, np.inf),
+        np.where(usable, np.where(flat, s[:, -1], miss), 0.0),
     )
-
-
-def texture_free_mean(
-    radiance: Float64[np.ndarray, "photo pixel"], albedo: Float64[np.ndarray, " pixel"]
-) -> Float64[np.ndarray, " photo"]:
-    """A face's radiance as if its texture were its mean, eq. (3): sum of radiance over sum of albedo, times the mean albedo.
-
-    0 where no pixel has an albedo.
-    """
-    total = float(albedo.sum())
-    if total <= 0:
-        return np.zeros(len(radiance))
-    return radiance.sum(axis=1) / total * float(albedo.mean())

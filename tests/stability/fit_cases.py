@@ -114,9 +114,9 @@ def pure_mirror() -> Outcome:
 def equal_texels() -> Outcome:
     direct = np.linspace(0.5, 2.0, 4)[:, None] * np.linspace(0.8, 1.2, 6)[None]
     albedo = np.full(6, 0.3)
-    answer = reciprocal_texture(albedo / np.pi * (direct + 0.4), direct)
+    answer = reciprocal_texture((albedo / np.pi * (direct + 0.4))[None], direct[None])
     # Condition about 10: float64 leaves 1e-12 of it.
-    np.testing.assert_allclose(answer.value[:, 0, 0], 0.3, rtol=1e-9)
+    np.testing.assert_allclose(answer.value[0, :, 0], 0.3, rtol=1e-9)
     assert (answer.status == Status.OK).all()
     return Outcome("ok", float(np.abs(answer.value / 0.3 - 1).max()), 0.0, float(answer.condition[0]))
 
@@ -125,8 +125,8 @@ def equal_texels() -> Outcome:
 def flat_face_distant_light() -> Outcome:
     albedo = np.array([0.2, 0.5, 0.8, 0.35])
     direct = np.repeat(np.array([0.7, 1.1, 2.0])[:, None], 4, axis=1)
-    answer = reciprocal_texture(albedo / np.pi * (direct + 0.3), direct)
-    got = answer.value[:, 0, 0]
+    answer = reciprocal_texture((albedo / np.pi * (direct + 0.3))[None], direct[None])
+    got = answer.value[0, :, 0]
     assert (answer.status == Status.RANK_DEFICIENT).all() and (answer.rank == 3).all()
     # The ratios are right, and only they: 1e-9 for a null vector found beside singular values of about 1.
     np.testing.assert_allclose(got / got[0], albedo / albedo[0], rtol=1e-9)
@@ -138,10 +138,10 @@ def flat_face_distant_light() -> Outcome:
 def broken_texels() -> Outcome:
     direct = np.ones((3, 4))
     for radiance in (np.zeros((3, 4)), np.full((3, 4), np.nan)):
-        answer = reciprocal_texture(radiance, direct)
+        answer = reciprocal_texture(radiance[None], direct[None])
         assert (answer.status == Status.NO_DATA).all() and not answer.value.any()
-    assert (reciprocal_texture(np.ones((3, 1)), np.ones((3, 1))).status == Status.NO_DATA).all()
-    partly = reciprocal_texture(np.array([[0.1, 0.0], [0.2, 0.0]]), np.array([[1.0, 1.2], [2.0, 2.1]]))
+    assert (reciprocal_texture(np.ones((1, 3, 1)), np.ones((1, 3, 1))).status == Status.NO_DATA).all()
+    partly = reciprocal_texture(np.array([[[0.1, 0.0], [0.2, 0.0]]]), np.array([[[1.0, 1.2], [2.0, 2.1]]]))
     assert np.isfinite(partly.value).all() and (partly.value >= 0).all()
     return Outcome("no_data", note="albedo 0")
 

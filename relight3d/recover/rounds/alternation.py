@@ -7,7 +7,7 @@ import numpy as np
 from relight3d.effects import SCENE
 from relight3d.maths.least_squares import Solution, robust_weights
 from relight3d.records import Mirror, Observations
-from relight3d.recover import bounce, diffuse, indirect
+from relight3d.recover import bounce, diffuse, indirect, texture
 from relight3d.recover.rounds.light import direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
@@ -57,6 +57,8 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     albedo, information = diffuse.pixel_albedo(
         observed, target, weight, direct, None if is_first else fitted.irradiance
     )
+    if stage.options.texture.method == "reciprocal":
+        albedo = texture.by_reciprocals(target, weight, direct, stage.points.face, albedo)
     information = information * edge_trust(observed)
     if is_first:
         fitted = replace(fitted, is_textured=neighbours_differ(stage, observed, albedo, num))

@@ -47,7 +47,9 @@ def provisional_model(
     found, health = indirect.indirect_of(
         fitted.solution, fitted.design, observed, stage.options.indirect.site, stage.anchors, stage.softening
     )
-    found, health = indirect.fill_unseen(stage.mesh, found, health)
+    # What is fitted beside the computed light comes from the surroundings: an unseen site gets what it is open to.
+    openness = None if fitted.bounced is None or stage.transport is None else bounce.openness(stage.transport)
+    found, health = indirect.fill_unseen(stage.mesh, found, health, openness)
     if fitted.bounced is not None:
         found = bounce.added(found, fitted.bounced)
     num_lit = (observed.is_lit & (observed.weight > 0)).sum(axis=0).astype(np.int32)
