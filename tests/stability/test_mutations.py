@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from relight3d import shading, tracing
 from relight3d.evaluate.scenes import desk_scene, hemisphere_lights
@@ -11,6 +12,7 @@ from relight3d.evaluate.world import World
 from relight3d.lights import DirectionalLight
 from relight3d.maths import lafortune, least_squares, light_basis
 from relight3d.records import PatchMesh
+from relight3d.recover import bounce
 from relight3d.shading import cast_light, points_seen
 from tests.stability import fit_cases
 
@@ -77,6 +79,31 @@ def check_negative_base():
     assert fit_cases.base_at_zero().status == "ok"
 
 
+def check_a_white_box_does_not_blow_up():
+    """Six white walls that see each other and nothing else: after any number of bounces the light is bounded.
+
+    Albedo is fitted, and comes out above 1 where a lamp is stronger than its file says. At 0.95, the most that counts,
+    all bounces together are the sum of 0.95^k from k = 1: 19 times the direct light.
+    """
+    num = 6
+    box = bounce.Transport(
+        surface=np.zeros(num, np.int32),
+        seen=sp.csr_matrix((1 - np.eye(num, dtype=np.float32)) / (num - 1)),  # all of each hemisphere is filled
+        mirrored=(),
+        own=np.ones((num, 1), np.float32),
+        thrown=np.zeros((0, num, 1), np.float32),
+        lights=(DirectionalLight((0.0, 0.0, 1.0), 1.0),),
+        hear=sp.identity(num, format="csr", dtype=np.float32),
+        to_sites=sp.identity(num, format="csr", dtype=np.float32),
+        positions=np.zeros((num, 3), np.float32),
+    )
+    for albedo in (1.0, 1.5):
+        of_points, of_surface = np.full((num, 3), albedo, np.float32), np.full((1, 3), albedo)
+        arrived = bounce.bounced(box, of_points, of_surface, (), num_bounces=400)
+        # float32 rounds 400 sums; 0.95^400 = 1e-9 is missing.
+        np.testing.assert_allclose(arrived, 19.0, rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     "check",
     [
@@ -86,6 +113,7 @@ def check_negative_base():
         check_extrapolation_is_clamped,
         check_equal_columns_share,
         check_negative_base,
+        check_a_white_box_does_not_blow_up,
         fit_cases.flat_face_distant_light,
         fit_cases.zero_gradient,
     ],
@@ -138,3 +166,11 @@ def test_without_the_clamp_a_negative_base_is_nan(monkeypatch):
     assert shading.power is lafortune.power  # the forward model uses the one that is checked
     with pytest.raises(AssertionError):
         check_negative_base()
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_without_the_clamp_of_albedo_bounces_never_end(monkeypatch):
+    monkeypatch.setattr(np, "clip", lambda value, low, high: np.maximum(value, low))
+    with pytest.raises(AssertionError):
+        check_a_white_box_does_not_blow_up()
