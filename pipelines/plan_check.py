@@ -38,7 +38,7 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options
     exact = held_out.psnr_db(model, RelightOptions()).mean()
     everything = held_out.psnr_db(with_all, RelightOptions()).mean()
     lines = [f"{read.folder.name}: as planned {exact:.2f} dB, with all effects forced on {everything:.2f} dB", ""]
-    text = "\n".join(lines) + markdown_table(COLUMNS, [cells(one) for one in found])
+    text = "\n".join([*lines, ""]) + markdown_table(COLUMNS, [cells(one) for one in found])
     write_text(output / "plan_check.md", text)
     say(text)
     say(f"{sum(one.is_right for one in found)} of {len(found)} effects as they should be; {output / 'plan_check.md'}")
