@@ -1,0 +1,199 @@
+"""docs/accuracy.md, from the rows."""
+
+from collections.abc import Sequence
+
+from accuracy import truth_sections
+from accuracy.rows import FAULTS, RECOVERED_WITHOUT, ROWS, WORDS, Store
+from accuracy.verdicts import SHORT, Rows, best_baseline, lines_of
+from relight3d.evaluate.baselines import BASELINES
+from relight3d.evaluate.run import OURS
+from relight3d.records import Capture
+
+HEAD = """# How accurate it is
+
+Written by `python pipelines/accuracy.py {folders}`; do not edit by hand.
+Measures are those of `relight3d.evaluate`: one exposure for a capture (the 99.5th percentile of the held-out values is
+white), sRGB curve, PSNR over the pixels that see the mesh, mean over the held-out frames. `data/desk` is path-traced by a
+renderer that shares no code with relight3d, and its truth is known. The DiLiGenT captures are photographs of real objects;
+they are no part of this project.
+
+{summary}"""
+GROUPS = ("all", "captured view", "one_light", "two_lights", "new_view", "worst")
+
+
+def page(captures: Sequence[Capture], stores: dict[str, Store]) -> str:
+    """The whole page; what has not been measured has no section."""
+    names = [capture.folder.name for capture in captures]
+    rows = {name: _read(stores[name]) for name in names}
+    has_truth = {capture.folder.name: (capture.folder / "truth").is_dir() for capture in captures}
+    lines = [line for name in names for line in lines_of(name, rows[name], has_truth[name])]
+    short = [line for line in lines if line[3] == SHORT]
+    summary = f"{len(lines) - len(short)} of {len(lines)} figures that were asked for are reached.\n\n"
+    parts = [
+        HEAD.format(
+            folders=" ".join(str(capture.folder) for capture in captures),
+            summary=summary + table(("what", "asked", "found", "verdict"), lines),
+        )
+    ]
+    parts += [held_out(rows)]
+    for name in names:
+        if has_truth[name] and "24" in rows[name]:
+            parts += [truth_sections.kinds_section(name, rows[name]), truth_sections.albedo_section(name, rows[name])]
+            parts += [truth_sections.mirror_section(name, rows[name]), truth_sections.detail_section(name, rows[name])]
+    parts += [where_the_error_is(rows), robustness(rows)]
+    for name in names:
+        if "24" in rows[name]:
+            parts.append(ablation(name, rows[name]))
+    parts.append(code_note(rows))
+    return "\n".join(part for part in parts if part)
+
+
+def _read(store: Store) -> Rows:
+    found = {row.name: store.read(row.name) for row in ROWS}
+    return {name: each for name, each in found.items() if each is not None}
+
+
+def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Markdown; the first column flush left, numbers right."""
+    rule = ["---", *("---:" for _ in columns[1:])]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (columns, rule, *rows)) + "\n"
+
+
+def held_out(rows: dict[str, Rows]) -> str:
+    """PSNR of every method over every group of frames, with 24 and with 8 photographs."""
+    cells = []
+    for name, found in rows.items():
+        for row in ("24", "8"):
+            for method in (OURS, *BASELINES) if row in found else ():
+                given = dict(found[row]["psnr"][method])
+                given.setdefault("one_light", given.get("", float("nan")))
+                if method != OURS:  # "all" and "worst" of a baseline would be of other frames than ours
+                    given.pop("all")
+                    given.pop("worst")
+                values = [f"{given[group]:.2f}" if group in given else "" for group in GROUPS]
+                cells.append((f"{name}, {found[row]['photographs']}", method, *values))
+    text = """## Held-out photographs
+
+PSNR in dB. A baseline interpolates each pixel over the lights; it cannot leave the captured viewpoint, so *captured view*
+is the column to compare. The 8 photographs are evenly spread through the list of 24; the lights-off one stays where there
+is one.
+
+"""
+    words = ("all", "captured view", "one light", "two lights", "new view", "worst frame")
+    return text + table(("capture, photographs", "method", *words), cells)
+
+
+def where_the_error_is(rows: dict[str, Rows]) -> str:
+    """PSNR by kind of pixel, ours and RBF's."""
+    cells = []
+    for name, found in rows.items():
+        for row in ("24", "8"):
+            for place, each in found.get(row, {}).get("places", {}).items():
+                shares = [f"{100 * each[key]:.0f} %" for key in ("pixels", "error")]
+                over = each[OURS] - each["rbf"]
+                cells.append(
+                    (f"{name}, {row}", place, *shares, f"{each[OURS]:.1f}", f"{each['rbf']:.1f}", f"{over:+.1f}")
+                )
+    text = """## Where the error is
+
+Held-out frames with one light at the captured viewpoint. Each pixel is in one class: within 2 pixels of a border between
+seen and unseen light (cast or attached shadows, outlines with them); where the lobes carry more than half of the radiance;
+other lit pixels; and pixels without direct light, mirrors among them.
+
+"""
+    columns = (
+        "capture, photographs",
+        "pixels",
+        "share",
+        "of the squared error",
+        "relight3d dB",
+        "RBF dB",
+        "difference",
+    )
+    return text + table(columns, cells)
+
+
+def robustness(rows: dict[str, Rows]) -> str:
+    """What each fault of the photographs costs."""
+    cells = []
+    for name, found in rows.items():
+        for fault in FAULTS if "24" in found else ():
+            if fault in found:
+                clean, spoilt = found["24"]["psnr"][OURS], found[fault]["psnr"][OURS]
+                _, before = best_baseline(found["24"], "captured view")
+                best, after = best_baseline(found[fault], "captured view")
+                lost = [f"{clean[group] - spoilt[group]:.2f}" for group in ("all", "captured view")]
+                values = (f"{spoilt['all']:.2f}", *lost, f"{after:.2f} ({best})", f"{before - after:.2f}")
+                cells.append((f"{name}: {WORDS[fault]}", *values))
+    notes = [
+        f"In {name} the photographs moved by a pixel agree with themselves unmoved to no more than that; judged by held-out "
+        f"photographs that are moved alike (every photograph beside the mesh), {OURS} has "
+        f"{found['shift']['psnr_moved'][OURS]['captured view']:.2f} dB at the captured viewpoint, the best baseline "
+        f"{best_baseline({'psnr': found['shift']['psnr_moved']}, 'captured view')[1]:.2f}."
+        for name, found in rows.items()
+        if "shift" in found
+    ]
+    text = """## Faults of the photographs
+
+The training photographs are spoilt, the held-out ones are not, but for the note below. *Lost* is against the clean capture.
+
+"""
+    columns = ("fault", "dB", "lost", "lost, captured view", "best baseline dB", "it loses")
+    return text + table(columns, cells) + "".join(f"\n{note}\n" for note in notes) if cells else ""
+
+
+def ablation(name: str, found: Rows) -> str:
+    """Effects taken out of the frames, and parts of the recovery left out."""
+    cells = [
+        (
+            each["effect"],
+            f"{each['db']:.2f} ± {each['scatter']:.2f}",
+            f"{100 * (1 - each['less_ms'] / each['full_ms']):.0f} %",
+            f"{each['full_ms'] - each['less_ms']:.2f}",
+            f"{each['rays_saved']:,}",
+        )
+        for each in sorted(found["24"]["ablation"], key=lambda each: -each["db"])
+    ]
+    total = found["24"]["ablation"][0]["rays"] if cells else 0
+    text = f"""## Each effect left out of the frames: {name}
+
+One model; nothing is fitted again. dB lost over the held-out frames of the captured viewpoint, with the standard error of
+the mean over frames. The time is what the median of a frame is shorter by, of frames rendered in turn with the full ones in
+one process. Texture, detail and ambient light change numbers and not work, so their lines show how large the noise of these
+times is. A full frame casts {total:,} rays; a mirror's rays include those of the light it throws.
+
+"""
+    text += table(("without", "dB lost", "time saved", "ms saved", "rays saved"), cells)
+    parts = [row for row in RECOVERED_WITHOUT if row in found]
+    if not parts:
+        return text
+    full = found["24"]
+    lines = []
+    for row in parts:
+        lost = [
+            f"{full['psnr'][OURS][group] - found[row]['psnr'][OURS][group]:.2f}"
+            for group in ("all", "captured view", "new_view")
+            if group in full["psnr"][OURS]
+        ]
+        lines.append((WORDS[row], *lost, f"{found[row]['seconds']:.0f}"))
+    shared = ("all", "captured view", *(("new view",) if "new_view" in full["psnr"][OURS] else ()))
+    columns = ("recovered without", *(f"dB lost, {group}" for group in shared), "recovery, s")
+    return (
+        text
+        + f"""
+## Each part left out of the recovery: {name}
+
+Recovered again without it, so that the rest makes up for it as far as it can. A negative loss is a gain. The full recovery
+took {full["seconds"]:.0f} s; seconds were taken one after the other on a machine that does other work too.
+
+"""
+        + table(columns, lines)
+    )
+
+
+def code_note(rows: dict[str, Rows]) -> str:
+    """Says so where rows were measured with different states of the library."""
+    states = {found["code"][:8] for each in rows.values() for found in each.values()}
+    if len(states) < 2:
+        return ""
+    return f"Rows on this page were measured with {len(states)} states of the library, `--again` makes them equal.\n"
