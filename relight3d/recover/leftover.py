@@ -60,8 +60,7 @@ class _Misfits:
 
 def _given(stage: Stage, observed: Observations, model: RelightModel, view: "View") -> _Misfits:
     bright = ~observed.is_dark
-    misfit, seen = _misfit(stage, observed, model, view)
-    misfit, seen = misfit[bright], seen[bright]
+    misfit, seen, thrown = (each[bright] for each in _misfit(stage, observed, model, view))
     # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
     is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
     misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
@@ -75,7 +74,8 @@ def _given(stage: Stage, observed: Observations, model: RelightModel, view: "Vie
         slope * strength[:, None, None] ** 2,
         strength,
         np.array([_mean_direction(each) for each in observed.lights if each]),
-        {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure)},
+        # What a mirror lights is not dark: carried to a shadow without that patch, its misfit would be a blotch.
+        {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure) & (thrown <= 1 - sure)},
         observed.is_interior & observed.is_safe[bright],
     )
 
@@ -159,22 +159,28 @@ def _mean_strength(lights: tuple, softening: float) -> float:
     return max(float(np.dot(power, strength)) / max(sum(power), 1e-30), 1e-30)
 
 
-def _misfit(stage: Stage, observed: Observations, model: RelightModel, view) -> tuple[np.ndarray, np.ndarray]:
-    """Measured less modelled radiance of every pixel and photograph, and how far its light is seen there."""
+def _misfit(
+    stage: Stage, observed: Observations, model: RelightModel, view: "View"
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Measured less modelled radiance of every pixel and photograph; how much of the pixel sees the light itself, and
+    how much of it only by way of a mirror.
+    """
     from relight3d.forward import gather_pixels, shade_points
 
     num = stage.camera.num_pixels
     counts = np.maximum(np.bincount(view.points.pixel, minlength=num), 1)
     misfit = np.empty_like(observed.radiance)
-    seen = np.zeros(observed.is_lit.shape, np.float32)
+    seen, thrown = (np.zeros(observed.is_lit.shape, np.float32) for _ in range(2))
     for photo, each in enumerate(observed.lights):
         shaded = shade_points(stage.rays, model, view, list(each))
         picture = sum(gather_pixels(model, view, list(each), shaded))[stage.points.pixel]
         misfit[photo] = observed.radiance[photo] - picture / observed.scale[photo]
         if each:
-            share = np.bincount(view.points.pixel, shaded.seen.max(axis=0), num) / counts
-            seen[photo] = share[stage.points.pixel]
-    return misfit, seen
+            itself = shaded.seen.max(axis=0)
+            by_mirror = (shaded.direct.max(axis=1) > 0) * (1.0 - itself)
+            for share, points in ((seen, itself), (thrown, by_mirror)):
+                share[photo] = (np.bincount(view.points.pixel, points, num) / counts)[stage.points.pixel]
+    return misfit, seen, thrown
 
 
 def _background(stage: Stage, observed: Observations, model: RelightModel, rows: np.ndarray) -> Background:
