@@ -18,12 +18,18 @@ def with_lamp_left_on(capture: Capture) -> Capture:
     """
     lit = [p for p in capture.split("train") if p.lights]
     dark = [p for p in capture.split("train") if not p.lights]
-    spoilt, lamp = lit[len(lit) // 2], read_photograph(capture, lit[0])[0]
+    spoilt, lamp = _middle(capture), read_photograph(capture, lit[0])[0]
     extra = lamp - read_photograph(capture, dark[0])[0] if dark else lamp
     return replace(
         capture,
         photographs=tuple(_with_added(capture, p, extra) if p is spoilt else p for p in capture.photographs),
     )
+
+
+def without_middle(capture: Capture) -> Capture:
+    """The capture without the photograph that with_lamp_left_on spoils."""
+    left_out = _middle(capture)
+    return replace(capture, photographs=tuple(p for p in capture.photographs if p is not left_out))
 
 
 def with_saturated_pixels(capture: Capture, share: float) -> Capture:
@@ -49,6 +55,11 @@ def with_shifted_tests(capture: Capture, right_px: float) -> Capture:
 def without_labels(capture: Capture) -> Capture:
     """The mesh as a scan is: it does not say which face belongs to what."""
     return replace(capture, mesh=replace(capture.mesh, object_id=None, object_names=None))
+
+
+def _middle(capture: Capture) -> Photograph:
+    lit = [p for p in capture.split("train") if p.lights]
+    return lit[len(lit) // 2]
 
 
 def _with_added(capture: Capture, photograph: Photograph, extra: np.ndarray) -> Photograph:

@@ -15,7 +15,8 @@ from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
 
 STRONG = 0.5  # of the lobes' largest radiance in the frame: the highlight region
-SCALE, GAP, LABEL, MARGIN_PX, GAIN = 3, 8, 24, 6, 4
+SCALE, GAP, LABEL, GAIN = 2, 8, 24, 4
+CROP_PX = (140, 200)  # at most, rows and columns
 PAPER, INK = (250, 250, 248), (28, 28, 30)
 
 
@@ -63,7 +64,7 @@ class Relief:
         return found
 
     def picture(self, path: Path) -> str:
-        """The crop about the largest region, as a PNG with a palette; the name of its shot."""
+        """A crop of the largest region, as a PNG with a palette; the name of its shot."""
         index = int(np.argmax([region.sum() for region in self.regions]))
         crop = _crop(self.regions[index])
         plain, detailed = (self.frames[name][index][crop] for name in ("without", "with"))
@@ -91,11 +92,12 @@ def _region(plain: RelightModel, shot: Shot, on_surface: np.ndarray) -> np.ndarr
 
 
 def _crop(region: np.ndarray) -> tuple[slice, slice]:
-    rows, columns = np.nonzero(region)
-    ends = []
-    for places, size in ((rows, region.shape[0]), (columns, region.shape[1])):
-        ends.append(slice(max(0, int(places.min()) - MARGIN_PX), min(size, int(places.max()) + MARGIN_PX + 1)))
-    return ends[0], ends[1]
+    """About the region's middle, within the picture."""
+    starts = [
+        int(np.clip(round(float(places.mean())) - most // 2, 0, max(0, size - most)))
+        for places, most, size in zip(np.nonzero(region), CROP_PX, region.shape)
+    ]
+    return slice(starts[0], starts[0] + CROP_PX[0]), slice(starts[1], starts[1] + CROP_PX[1])
 
 
 def _difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from accuracy.faults import with_lamp_left_on, with_saturated_pixels, without_labels
+from accuracy.faults import with_lamp_left_on, with_saturated_pixels, without_labels, without_middle
 from relight3d.evaluate.disturb import with_blocked_light, with_noise, with_shift
 from relight3d.evaluate.run import OURS, Evaluation
 from relight3d.evaluate.study_captures import with_photographs
@@ -34,6 +34,7 @@ ROWS = (
     Row("no_detail", "detail of normals and lobes", options={"detail.mode": "off"}, needs_truth=True),
     Row("no_labels", "without the mesh's labels", without_labels, needs_truth=True),
     Row("lamp", "one photograph with a second lamp on, not in its file", with_lamp_left_on),
+    Row("left_out", "that photograph left out by hand", without_middle),
     Row("saturated", "2 % of pixels saturated", partial(with_saturated_pixels, share=SATURATED)),
     Row("shift", "photographs 1 pixel beside the mesh", partial(with_shift, right_px=SHIFT_PX, down_px=0.0)),
     Row("noise", "noise of 5 % of white", partial(with_noise, read=NOISE)),
@@ -46,7 +47,7 @@ ROWS = (
     Row("no_thrown", "light thrown by mirrors", options={"force": ("thrown=off",)}, needs_truth=True),
     Row("no_texture", "texture", options={"force": ("texture=off",)}, needs_truth=True),
 )
-FAULTS = ("lamp", "blocked", "saturated", "shift", "noise")
+FAULTS = ("lamp", "left_out", "blocked", "saturated", "shift", "noise")
 RECOVERED_WITHOUT = ("no_bounce", "no_residual", "no_detail", "no_lobes", "no_thrown", "no_texture")
 WORDS = {row.name: row.words for row in ROWS}
 

@@ -82,6 +82,10 @@ def detail_section(name: str, rows: Rows) -> str:
             lines.append([words + tail, *values, f"{100 * off:.0f} %"])
     columns = ["pixels", "error without detail", "with detail", "taken off"]
     frames = relief["region"]["frames"]
+    worse = [shot for shot, a, b in zip(relief["names"], frames["without"], frames["with"]) if a and b > a]
+    warned = (
+        f"Detail makes the region worse in {', '.join(worse)}." if worse else "Detail makes no frame's region worse."
+    )
     each = [
         [shot, f"{num:,}", *(_number(frames[which][k]) for which in ("without", "with"))]
         for k, (shot, num) in enumerate(zip(relief["names"], relief["region"]["pixels"]))
@@ -95,10 +99,10 @@ held-out frames with one light.
 
 ![without detail, with detail, the photograph, and the differences](images/detail.png)
 
-The picture is frame {relief["shown"]}, about its region.
+The picture is a part of frame {relief["shown"]}.
 
 {_table(columns, lines)}
-Frame by frame, where the lobe is strong:
+Frame by frame, where the lobe is strong. {warned}
 
 {_table(["frame", "pixels", "without detail", "with detail"], each)}"""
 
