@@ -14,7 +14,7 @@ from relight3d.relight.force import apply_plan, forced_options, has_effect
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
 
-NUM_PAIRS = 25  # frames with and without the effect, rendered in turn
+NUM_PAIRS = 75  # frames with and without the effect, rendered in turn
 
 
 def ablation(model: RelightModel, shots: list[Shot], exposure: float, num_pairs: int = NUM_PAIRS) -> list[Found]:

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from accuracy import truth_sections
-from accuracy.rows import FAULTS, RECOVERED_WITHOUT, ROWS, WORDS, Store
+from accuracy import ablation_sections, truth_sections
+from accuracy.rows import FAULTS, ROWS, WORDS, Store
+from accuracy.tables import table
 from accuracy.verdicts import REAL_DB, SHORT, Rows, best_baseline, lines_of
 from relight3d.evaluate.baselines import BASELINES
 from relight3d.evaluate.run import OURS
@@ -41,22 +42,13 @@ def page(captures: Sequence[Capture], stores: dict[str, Store]) -> str:
             parts += [truth_sections.kinds_section(name, rows[name]), truth_sections.albedo_section(name, rows[name])]
             parts += [truth_sections.mirror_section(name, rows[name]), truth_sections.detail_section(name, rows[name])]
     parts += [where_the_error_is(rows), why_short(rows, has_truth), robustness(rows)]
-    for name in names:
-        if "24" in rows[name]:
-            parts.append(ablation(name, rows[name]))
-    parts.append(code_note(rows))
+    parts += [ablation_sections.of_frames(rows), ablation_sections.of_recoveries(rows), code_note(rows)]
     return "\n".join(part for part in parts if part)
 
 
 def _read(store: Store) -> Rows:
     found = {row.name: store.read(row.name) for row in ROWS}
     return {name: each for name, each in found.items() if each is not None}
-
-
-def table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Markdown; the first column flush left, numbers right."""
-    rule = ["---", *("---:" for _ in columns[1:])]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (columns, rule, *rows)) + "\n"
 
 
 def held_out(rows: dict[str, Rows]) -> str:
@@ -180,55 +172,6 @@ def _new(warnings: list[str], known: list[str]) -> list[str]:
     """Warnings of a kind (by its first words) that the clean capture does not give."""
     kinds = {warning[:20] for warning in known}
     return [warning for warning in warnings if warning[:20] not in kinds]
-
-
-def ablation(name: str, found: Rows) -> str:
-    """Effects taken out of the frames, and parts of the recovery left out."""
-    cells = [
-        (
-            each["effect"],
-            f"{each['db']:.2f} ± {each['scatter']:.2f}",
-            f"{100 * (1 - each['less_ms'] / each['full_ms']):.0f} %",
-            f"{each['full_ms'] - each['less_ms']:.2f}",
-            f"{each['rays_saved']:,}",
-        )
-        for each in sorted(found["24"]["ablation"], key=lambda each: -each["db"])
-    ]
-    total = found["24"]["ablation"][0]["rays"] if cells else 0
-    text = f"""## Each effect left out of the frames: {name}
-
-One model; nothing is fitted again. dB lost over the held-out frames of the captured viewpoint, with the standard error of
-the mean over frames. The time is what the median of a frame is shorter by, of frames rendered in turn with the full ones in
-one process. Texture, detail and ambient light change numbers and not work, so their lines show how large the noise of these
-times is. A full frame casts {total:,} rays; a mirror's rays include those of the light it throws.
-
-"""
-    text += table(("without", "dB lost", "time saved", "ms saved", "rays saved"), cells)
-    parts = [row for row in RECOVERED_WITHOUT if row in found]
-    if not parts:
-        return text
-    full = found["24"]
-    lines = []
-    for row in parts:
-        lost = [
-            f"{full['psnr'][OURS][group] - found[row]['psnr'][OURS][group]:.2f}"
-            for group in ("all", "captured view", "new_view")
-            if group in full["psnr"][OURS]
-        ]
-        lines.append((WORDS[row], *lost, f"{found[row]['seconds']:.0f}"))
-    shared = ("all", "captured view", *(("new view",) if "new_view" in full["psnr"][OURS] else ()))
-    columns = ("recovered without", *(f"dB lost, {group}" for group in shared), "recovery, s")
-    return (
-        text
-        + f"""
-## Each part left out of the recovery: {name}
-
-Recovered again without it, so that the rest makes up for it as far as it can. A negative loss is a gain. The full recovery
-took {full["seconds"]:.0f} s; seconds were taken one after the other on a machine that does other work too.
-
-"""
-        + table(columns, lines)
-    )
 
 
 def code_note(rows: dict[str, Rows]) -> str:

@@ -1,5 +1,6 @@
 """The sections of docs/accuracy.md that need a capture's truth."""
 
+from accuracy.tables import table
 from accuracy.verdicts import Rows
 from relight3d.evaluate.baselines import BASELINES
 from relight3d.evaluate.run import OURS
@@ -15,15 +16,15 @@ def kinds_section(name: str, rows: Rows) -> str:
         cells = [given["name"], given["kind"]]
         for row in which:
             each = rows[row]["kinds"][index]
-            cells += [each["found"], f"{100 * each['share']:.0f} %", str(each["regions"])]
+            cells.append(f"{each['found']}, {100 * each['share']:.0f} %, {each['regions']}")
         lines.append(cells)
-    columns = ["surface", "is", *(word for row in which for word in (LABELLED[row], "pixels right", "regions"))]
+    columns = ["surface", "is", *(LABELLED[row] for row in which)]
     return f"""## What the surfaces are: {name}
 
-Under each way is the kind found at most of the surface's pixels; a pixel is right when its region has exactly the true
-kind. *Regions* are those that hold more than 2 % of the surface.
+The kind found at most of the surface's pixels; the share of its pixels that are right, in a region of exactly the true kind;
+and the number of regions that hold more than 2 % of it.
 
-{_table(columns, lines)}"""
+{table(columns, lines)}"""
 
 
 def albedo_section(name: str, rows: Rows) -> str:
@@ -34,20 +35,20 @@ def albedo_section(name: str, rows: Rows) -> str:
         cells = [given["name"], given["kind"]]
         for row in which:
             each = rows[row]["albedo"][index]
-            cells += [f"{100 * each[key]:.1f}" for key in ("surface", "median", "most")]
+            cells.append(" / ".join(f"{100 * each[key]:.1f}" for key in ("surface", "median", "most")))
         lines.append(cells)
     worst = max(rows["24"]["albedo"], key=lambda each: each["surface"])
     columns = ["surface", "kind"]
-    columns += [f"{word}, {LABELLED[row]}" for row in which for word in ("surface", "median pixel", "90th percentile")]
+    columns += [LABELLED[row] for row in which]
     return f"""## Albedo: {name}
 
-Relative error in per cent, against the truth. *Surface*: the one albedo of the surface (of its regions, weighted by pixels)
-against the true mean, mean of the three colours. *Pixel*: the per-pixel albedo against the true one, all colours alike. The
-truth is that of the pixel's centre, a photograph shows the mean over the pixel: at the borders of marks they differ. Where
+Relative error in per cent against the truth, as three figures: the surface's one albedo (of its regions, weighted by pixels)
+against the true mean; the per-pixel albedo against the true one, median over pixels and colours; and its 90th percentile.
+The truth is that of the pixel's centre, a photograph shows the mean over the pixel: at the borders of marks they differ. Where
 the albedo is off and the frames are right, the light that the surface gets is off the other way. Worst surface with labels:
 {worst["name"]}, {100 * worst["surface"]:.1f} %.
 
-{_table(columns, lines)}"""
+{table(columns, lines)}"""
 
 
 def mirror_section(name: str, rows: Rows) -> str:
@@ -65,7 +66,7 @@ def mirror_section(name: str, rows: Rows) -> str:
 
 PSNR in dB over the pixels of the mirror, mean over the held-out frames with one light.
 
-{_table(columns, lines)}"""
+{table(columns, lines)}"""
 
 
 def detail_section(name: str, rows: Rows) -> str:
@@ -101,16 +102,11 @@ held-out frames with one light.
 
 The picture is a part of frame {relief["shown"]}.
 
-{_table(columns, lines)}
+{table(columns, lines)}
 Frame by frame, where the lobe is strong. {warned}
 
-{_table(["frame", "pixels", "without detail", "with detail"], each)}"""
+{table(["frame", "pixels", "without detail", "with detail"], each)}"""
 
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.4f}"
-
-
-def _table(columns: list[str], rows: list[list[str]]) -> str:
-    rule = ["---", *("---:" for _ in columns[1:])]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in (columns, rule, *rows)) + "\n"
