@@ -3,7 +3,7 @@
     python pipelines/degradation.py data/desk ../shared/captures/diligent_cat
 
 Writes docs/degradation.csv, docs/images/degradation_*.png and a section of docs/stability.md. Captures that are not
-there are left out, points that are in the CSV file already are not made again. A few minutes a capture.
+there are left out, points that are in the CSV file already are not made again. About fifteen minutes a capture on two cores.
 """
 
 import argparse
@@ -27,11 +27,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("captures", type=Path, nargs="+")
     parser.add_argument("--width", type=int, default=100, help="photographs are averaged down to about this width")
-    parser.add_argument("--faces", type=int, default=4000)
+    parser.add_argument("--faces", type=int, default=4000, help="a mesh of fewer faces is split")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the CSV file, the page and its images")
     options = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
-    recovery = RecoverOptions(mesh=MeshOptions(target_faces=options.faces))
+    recovery = RecoverOptions(mesh=MeshOptions(target_faces=options.faces), prices=False)
     (options.out / "images").mkdir(parents=True, exist_ok=True)
     path = options.out / "degradation.csv"
     known = {(*curve, point[0]) for curve, points in read(path).items() for point in points}
