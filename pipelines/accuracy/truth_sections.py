@@ -44,9 +44,9 @@ def albedo_section(name: str, rows: Rows) -> str:
 
 Relative error in per cent against the truth, as three figures: the surface's one albedo (of its regions, weighted by pixels)
 against the true mean; the per-pixel albedo against the true one, median over pixels and colours; and its 90th percentile.
-The truth is that of the pixel's centre, a photograph shows the mean over the pixel: at the borders of marks they differ. Where
-the albedo is off and the frames are right, the light that the surface gets is off the other way. Worst surface with labels:
-{worst["name"]}, {100 * worst["surface"]:.1f} %.
+The truth is that of the pixel's centre, a photograph shows the mean over the pixel: at the borders of marks they differ.
+Where the albedo is off and the frames are right, the light that the surface gets is off the other way. Worst surface with
+labels: {worst["name"]}, {100 * worst["surface"]:.1f} %.
 
 {table(columns, lines)}"""
 
