@@ -24,12 +24,11 @@ from relight3d.recover.rounds.relief import fit_detail
 from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start
 from relight3d.recover.run import (
     RecoverOptions,
-    Training,
     accepted_mirrors,
     find_surfaces,
-    read_training,
     test_mirrors,
 )
+from relight3d.recover.training import Training, read_training
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
 

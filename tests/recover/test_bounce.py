@@ -12,7 +12,7 @@ from relight3d.evaluate.shapes import joined, transformed, turn_about
 from relight3d.lights import DirectionalLight, PointLight
 from relight3d.maths.light_basis import BASES, embedding, evaluate_basis
 from relight3d.records import Indirect, Mirror, PatchMesh, TriangleMesh
-from relight3d.recover import bounce, indirect
+from relight3d.recover import bounce, patches, sites
 from relight3d.recover.bounce import BounceOptions
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
 from relight3d.shading import points_seen, ray_scene
@@ -39,7 +39,7 @@ def transport(mesh: PatchMesh, lights=(DOWN,), mirrors=(), eye=(3.0, -3.0, 2.5),
     scene = ray_scene(mesh)
     points = points_seen(scene, mesh, camera)
     surface = mesh.object_id if mesh.object_id is not None else np.zeros(len(mesh.faces), np.int32)
-    vertices = indirect.site_vertices(mesh, points, "vertex")
+    vertices = sites.site_vertices(mesh, points, "vertex")
     heard = np.ones(len(points), bool)
     return bounce.trace_transport(
         scene, mesh, surface, points, heard, vertices, lights, mirrors, BounceOptions(**options)
@@ -94,9 +94,9 @@ def test_inside_a_closed_box_every_ray_arrives() -> None:
         pytest.skip("mesh clean-up orients closed meshes outward")
     scene = ray_scene(inside)
     normals = inside.vertex_normals
-    points = bounce._as_points(inside, normals, inside.face_normals, np.arange(len(inside.vertices)))
+    points = patches.as_points(inside, normals, inside.face_normals, np.arange(len(inside.vertices)))
     nearest = np.arange(len(inside.vertices))
-    seen, _ = bounce._hemispheres(
+    seen, _ = patches.hemispheres(
         scene, inside, inside.face_normals, points, nearest, (), np.zeros(len(inside.faces), np.int32), 64
     )
     assert np.asarray(seen.sum(axis=1)).ravel() == pytest.approx(1.0, abs=0.1)

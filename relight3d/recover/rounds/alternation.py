@@ -7,7 +7,7 @@ import numpy as np
 from relight3d.effects import SCENE
 from relight3d.maths.least_squares import Solution, robust_weights
 from relight3d.records import Mirror, Observations
-from relight3d.recover import bounce, diffuse, indirect, texture
+from relight3d.recover import bounce, diffuse, indirect, sites, texture
 from relight3d.recover.rounds.light import direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
@@ -90,20 +90,20 @@ def _fit_indirect(
     better with it, and beside it what the photographs add.
     """
     observed, options, evidence = known.observed, stage.options.indirect, dict(fitted.evidence)
-    sites = indirect.site_positions(stage.mesh, stage.points, options.site)
+    places = sites.site_positions(stage.mesh, stage.points, options.site)
     whole = indirect.gather(stage.gather, weight * known.calm, fitted.albedo, known.target, known.direct)
     bounced, computed, left, lit = None, 0.0, whole, fitted.design
     if stage.transport is not None and (lit is None or fitted.bounced is not None):
         arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
         basis = stage.options.bounce.basis if options.basis == "auto" else options.basis
         bounced = bounce.as_functions(stage.transport, arrived, basis, stage.anchors, stage.softening)
-        rows = indirect.light_rows(basis, observed, sites, stage.anchors, stage.softening)
+        rows = indirect.light_rows(basis, observed, places, stage.anchors, stage.softening)
         computed = bounce.at_photographs(bounced, rows)
         left = indirect.without(whole, computed)
     if lit is None:
-        lit = indirect.choose_basis(left, observed, sites, stage.anchors, stage.softening, options)
+        lit = indirect.choose_basis(left, observed, places, stage.anchors, stage.softening, options)
         if bounced is not None:
-            alone = indirect.choose_basis(whole, observed, sites, stage.anchors, stage.softening, options)
+            alone = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options)
             gain = _decibels(indirect.left_out_error(whole, alone), indirect.left_out_error(left, lit))
             if gain < stage.options.bounce.min_gain_db:
                 bounced, computed, left, lit = None, 0.0, whole, alone

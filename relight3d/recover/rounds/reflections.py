@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight3d.records import Mirror, Observations, PixelMap, RelightModel
-from relight3d.recover import bounce, indirect, mirror
+from relight3d.recover import bounce, indirect, mirror, sites
 from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
 
@@ -49,7 +49,7 @@ def provisional_model(
     )
     # What is fitted beside the computed light comes from the surroundings: an unseen site gets what it is open to.
     openness = None if fitted.bounced is None or stage.transport is None else bounce.openness(stage.transport)
-    found, health = indirect.fill_unseen(stage.mesh, found, health, openness)
+    found, health = sites.fill_unseen(stage.mesh, found, health, openness)
     if fitted.bounced is not None:
         found = bounce.added(found, fitted.bounced)
     num_lit = (observed.is_lit & (observed.weight > 0)).sum(axis=0).astype(np.int32)

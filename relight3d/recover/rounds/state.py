@@ -11,7 +11,7 @@ from relight3d.camera import Camera
 from relight3d.effects import forced_states
 from relight3d.maths.least_squares import Solution
 from relight3d.records import Lobe, Mirror, Observations, PatchMesh, ShadingPoints, Surfaces
-from relight3d.recover import bounce, diffuse, indirect
+from relight3d.recover import bounce, diffuse, indirect, sites
 from relight3d.tracing import RayScene
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def set_stage(
     surface = surfaces.surface_of_face[points.face]
     is_matte = ~np.isin(surface, [m.surface for m in mirrors])
     site = options.indirect.site
-    binding = indirect.site_binding(mesh, points, site)
+    binding = sites.site_binding(mesh, points, site)
     heard = binding.tocsc(copy=True)
     heard.data *= np.repeat(is_matte & observed.is_interior, np.diff(heard.indptr))
     heard = heard.tocsr()
@@ -112,7 +112,7 @@ def set_stage(
         panel_of_face=diffuse.panels_of(mesh, surfaces.surface_of_face),
         is_matte=is_matte,
         hear=heard,
-        gather=indirect.spread_over_neighbours(mesh, heard, site, options.indirect.smoothing_px),
+        gather=sites.spread_over_neighbours(mesh, heard, site, options.indirect.smoothing_px),
         spread=binding.T.tocsr(),
         transport=bounce.trace_transport(
             rays,
@@ -120,7 +120,7 @@ def set_stage(
             surfaces.surface_of_face,
             points,
             is_matte & observed.is_interior,
-            indirect.site_vertices(mesh, points, site),
+            sites.site_vertices(mesh, points, site),
             bounce.lights_to_try(observed.lights, anchors, indirect.reach_of(anchors), options.bounce.num_lights),
             mirrors,
             options.bounce,
