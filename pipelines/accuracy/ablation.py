@@ -6,7 +6,7 @@ import numpy as np
 
 from accuracy.frames import Shot
 from accuracy.rows import Found
-from relight3d.effects import RAY_EFFECTS, SCENE, SCENE_EFFECTS, SURFACE_EFFECTS
+from relight3d.effects import RAY_EFFECTS, SCENE, SCENE_EFFECTS, SURFACE_EFFECTS, Force
 from relight3d.evaluate.metrics import display_values, psnr_db
 from relight3d.records import RelightModel
 from relight3d.relight.calibrate import frame_pair_ms
@@ -50,7 +50,7 @@ def without(model: RelightModel, options: RelightOptions, effect: str) -> tuple[
     if effect in RAY_EFFECTS:
         return model, forced_options(options, {(effect, SCENE): False})
     where = [SCENE] if effect in SCENE_EFFECTS else range(model.surfaces.num_surfaces)
-    force = {(effect, s): False for s in where if has_effect(model, effect, s)}
+    force: Force = {(effect, s): False for s in where if has_effect(model, effect, s)}
     return (apply_plan(model, force) if force else model), options
 
 
