@@ -21,7 +21,7 @@ from relight3d.recover.rounds.alternation import alternate
 from relight3d.recover.rounds.gloss import fit_gloss
 from relight3d.recover.rounds.reflections import fit_mirrors
 from relight3d.recover.rounds.relief import fit_detail
-from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start
+from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
 from relight3d.recover.run import (
     RecoverOptions,
     accepted_mirrors,
@@ -126,10 +126,16 @@ class Stages:
         """Albedo and indirect light: `number` 0 is the first alternation, 1 the one after the first lobes."""
         before = start(self.common, self.observed) if number == 0 else self.detail(number)[0]
         mirrors = self.mirrors_found if number == 0 else self.detail(number)[1]
+        observed = self.observed if number == 0 else self.trusted
         options = (self.options.texture, self.options.diffuse, self.options.indirect, self.options.num_alternations)
         return self._round(
-            f"diffuse_{number}", lambda: alternate(self.common, self.observed, mirrors, before), before, options
+            f"diffuse_{number}", lambda: alternate(self.common, observed, mirrors, before), before, options
         )
+
+    @cached_property
+    def trusted(self) -> Observations:
+        """The photographs without those that the first alternation found spoilt."""
+        return without_blocked(self.observed, self.diffuse(0))
 
     @once
     def lobes(self, number: int) -> Fitted:
@@ -137,7 +143,7 @@ class Stages:
         before, mirrors = self.diffuse(number - 1), self.mirrors_before(number)
         return self._round(
             f"lobes_{number}",
-            lambda: fit_gloss(self.common, self.observed, mirrors, before),
+            lambda: fit_gloss(self.common, self.trusted, mirrors, before),
             *(before, mirrors, self.options.specular),
         )
 
@@ -147,8 +153,8 @@ class Stages:
         before, mirrors = self.lobes(number), self.mirrors_before(number)
 
         def make() -> tuple[Fitted, tuple[Mirror, ...]]:
-            fitted = fit_detail(self.common, self.observed, mirrors, before)
-            reflecting, fitted = fit_mirrors(self.common, self.observed, mirrors, fitted)
+            fitted = fit_detail(self.common, self.trusted, mirrors, before)
+            reflecting, fitted = fit_mirrors(self.common, self.trusted, mirrors, fitted)
             return fitted, reflecting
 
         return self._round(f"detail_{number}", make, before, mirrors, self.options.detail, self.options.indirect)
@@ -164,9 +170,9 @@ class Stages:
         fitted, mirrors = self.diffuse(last), self.mirrors_before(last + 1)
 
         def make() -> RelightModel:
-            exposure = self.photographs.exposure
-            model = assemble.assemble(self.common, self.observed, mirrors, fitted, self.mirror_tests, exposure)
-            return leftover.with_residual(self.common, self.observed, model)
+            exposure, observed = self.photographs.exposure, without_blocked(self.observed, fitted)
+            model = assemble.assemble(self.common, observed, mirrors, fitted, self.mirror_tests, exposure)
+            return leftover.with_residual(self.common, observed, model)
 
         return self._round("model", make, fitted, mirrors, self.mirror_tests, self.options)
 

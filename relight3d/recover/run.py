@@ -28,7 +28,7 @@ from relight3d.recover.rounds.alternation import alternate
 from relight3d.recover.rounds.gloss import fit_gloss
 from relight3d.recover.rounds.reflections import fit_mirrors
 from relight3d.recover.rounds.relief import fit_detail
-from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start
+from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
 from relight3d.recover.specular import SpecularOptions
 from relight3d.recover.surfaces import SurfaceOptions
 from relight3d.recover.texture import TextureOptions
@@ -111,6 +111,7 @@ def recover(
         )  # fmt: skip
     stage = set_stage(options, mesh, rays, capture.camera, points, found, mirrors, observed, photographs.exposure)
     fitted, mirrors, lost = _fit(stage, observed, mirrors, clock)
+    observed = without_blocked(observed, fitted)
     with clock.stage("residual"):
         model = assemble(stage, observed, mirrors, fitted, tests, photographs.exposure)
         if options.residual.max_modes > 0 and not clock.has_time(options.budget_s, clock.seconds[FIRST_FIT]):
@@ -128,6 +129,7 @@ def _fit(
     options, error = stage.options, None
     with clock.stage(FIRST_FIT):
         fitted = alternate(stage, observed, mirrors, start(stage, observed))
+        observed = without_blocked(observed, fitted)
     # A round is lobes, detail and an alternation: until one is timed, it is taken for two alternations. The last stage
     # takes about one.
     last_s = clock.seconds[FIRST_FIT]

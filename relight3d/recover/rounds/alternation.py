@@ -24,6 +24,7 @@ class _Known:
     observed: Observations
     target: np.ndarray  # photo x point x 3: radiance less lobes
     direct: np.ndarray  # photo x point x color: direct irradiance
+    smooth: np.ndarray  # the same by the mesh's normals
     pairs: np.ndarray  # across shadow borders
     calm: np.ndarray  # photo x point: how much a display shows of an error there
 
@@ -35,6 +36,7 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         observed,
         observed.radiance if fitted.specular is None else observed.radiance - fitted.specular,
         direct_irradiance(stage, observed, mirrors, fitted),
+        direct_irradiance(stage, observed, mirrors, replace(fitted, normal=stage.points.normal)),
         diffuse.border_pairs(observed, stage.points, stage.surface, stage.camera, options.diffuse),
         # An error in the dark shows more than the same error in the light: the indirect light is fitted as it is seen.
         dark_weights(observed.radiance, stage.white),
@@ -71,9 +73,12 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
     told = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
     relative = (1.0 + told * (albedo / np.maximum(mean[owner], 1e-6) - 1.0)).astype(np.float32)
-    border = diffuse.border_albedo(known.pairs, observed, target, direct, relative, owner, num_owners, options)
-    joint = _joint(stage, observed, target, weight, direct, relative, site_owner, num_owners)
-    bound = diffuse.upper_bound(observed, target, weight, direct, relative, owner, num_owners)
+    # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
+    border = diffuse.border_albedo(known.pairs, observed, target, known.smooth, relative, owner, num_owners, options)
+    # Light that other surfaces send is as known as the direct, once it is computed; only the rest must be told apart.
+    light = direct if fitted.sent is None else direct + fitted.sent
+    joint = _joint(stage, observed, target, weight, light, relative, site_owner, num_owners)
+    bound = diffuse.upper_bound(observed, target, weight, light, relative, owner, num_owners)
     scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
     # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
     albedo = np.minimum(relative * scale[owner], np.maximum(1.0, 2.0 * scale[owner])).astype(np.float32)
@@ -110,14 +115,20 @@ def _fit_indirect(
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
     at_sites = np.maximum(indirect.predict(solution, lit) + computed, 0.0).astype(np.float32)
-    irradiance = np.stack([stage.spread @ at_sites[:, photo] for photo in range(at_sites.shape[1])])
+    irradiance = _at_points(stage, at_sites)
     if is_last:
         evidence["indirect", SCENE] = _indirect_evidence(whole, left, lit)
-    trust, blocked = trust_of(stage, observed, fitted.albedo, known.direct, irradiance, known.target)
+    trust, found = trust_of(stage, observed, fitted.albedo, known.direct, irradiance, known.target)
+    blocked = tuple(sorted({*fitted.blocked, *found}))  # once left out, a photograph disagrees with nothing
     return replace(
         fitted, irradiance=irradiance, design=lit, solution=solution, bounced=bounced, trust=trust, blocked=blocked,
-        evidence=evidence,
+        evidence=evidence, sent=None if bounced is None else _at_points(stage, np.asarray(computed, np.float32)),
     )  # fmt: skip
+
+
+def _at_points(stage: Stage, at_sites: np.ndarray) -> np.ndarray:
+    """Sites' irradiance (site x photo x 3) blended at the points (photo x point x 3)."""
+    return np.stack([stage.spread @ at_sites[:, photo] for photo in range(at_sites.shape[1])])
 
 
 def _indirect_evidence(whole: indirect.SiteSums, left: indirect.SiteSums, lit: indirect.LightDesign) -> Evidence:

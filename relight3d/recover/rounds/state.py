@@ -1,7 +1,7 @@
 """What the rounds share (Stage), what is fitted so far (Fitted), and why (Evidence)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,6 +70,7 @@ class Fitted:
     design: indirect.LightDesign | None = None
     solution: Solution | None = None
     bounced: bounce.Bounced | None = None  # what surfaces send one another, which the solution is beside
+    sent: np.ndarray | None = None  # photo x point x 3: that light at the points, a part of the irradiance
     border: Solution | None = None
     joint: Solution | None = None
     owner: np.ndarray | None = None  # point: whose scale it has, a surface's or a panel's
@@ -151,3 +152,15 @@ def start(stage: Stage, observed: Observations) -> Fitted:
 def edge_trust(observed: Observations) -> np.ndarray:
     """How far each point is believed, as a column: all the way inside, next to nothing on an outline."""
     return np.where(observed.is_interior, 1.0, EDGE_TRUST)[:, None]
+
+
+def without_blocked(observed: Observations, fitted: Fitted) -> Observations:
+    """The photographs without those that a blocker or a stray lamp spoils, of at most a quarter of all.
+
+    What such a photograph adds to the fits is less than what it spoils: lobes, detail and residual would explain it.
+    """
+    if not 0 < len(fitted.blocked) <= len(observed.lights) // 4:
+        return observed
+    weight = observed.weight.copy()
+    weight[list(fitted.blocked)] = 0.0
+    return replace(observed, weight=weight)
