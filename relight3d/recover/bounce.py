@@ -147,7 +147,7 @@ def bounced(
 
 def openness(transport: Transport) -> Float64[np.ndarray, " site"]:
     """The share of each site's cosine-weighted hemisphere that no surface fills, at least a fiftieth."""
-    filled = np.asarray(transport.seen.sum(axis=1)).ravel()
+    filled = np.asarray(transport.seen.sum(axis=1), np.float64).ravel()
     return np.clip(1.0 - transport.to_sites @ filled, 0.02, 1.0)
 
 

@@ -22,6 +22,8 @@ from relight3d.maths.least_squares import Solution, Status, robust_scale, robust
 from relight3d.maths.topology import face_adjacency
 from relight3d.records import Observations, PatchMesh, ShadingPoints
 
+POOLED = 16  # neighbouring pixels whose sums bound an albedo together
+
 
 @dataclass(frozen=True)
 class DiffuseOptions:
@@ -231,7 +233,7 @@ def upper_bound(
     """What each surface's albedo cannot exceed, since indirect light is not negative: inf for a surface never lit.
 
     radiance * pi / direct = albedo * (1 + indirect / direct) >= albedo in every photograph, so the smallest ratio bounds
-    it; the lowest sixth is taken for the smallest, and the median over points, so that noise does not.
+    it; the lowest sixth is taken for the smallest, and the median over pools of points, so that noise does not.
     """
     bound = np.full((num_surfaces, 3), np.inf)
     dark = np.flatnonzero(observed.is_dark)
@@ -240,13 +242,20 @@ def upper_bound(
         target = target - target[dark[0]] * inverse[:, None]
     for s in range(num_surfaces):
         mine = np.flatnonzero((surface == s) & observed.is_interior)
-        mine = mine[:: max(1, len(mine) // 4000)]
         if len(mine) < 5:
             continue
+        # Pixels side by side are pooled: of single ones noise would make the lowest sixth too low, by its deviation.
+        pool = min(POOLED, len(mine) // 5)
+        mine = mine[: len(mine) // pool * pool].reshape(-1, pool)[:: max(1, len(mine) // 16_000)].ravel()
         light = np.broadcast_to(direct[:, mine], (len(direct), len(mine), 3))
         bright = (weight[:, mine, None] > 0) & observed.is_lit[:, mine, None] & (light > 0.4 * light.max(axis=0))
-        ratio = np.where(bright, np.pi * target[:, mine] / np.maximum(light * texture[mine], 1e-30), np.inf)
-        count = bright.sum(axis=0)
+        pools = (len(direct), -1, pool, 3)
+        sent, got, bright = (
+            np.where(bright, x, 0.0).reshape(pools) for x in (target[:, mine], light * texture[mine], 1.0)
+        )
+        is_told = bright.mean(axis=2) > 0.5
+        ratio = np.where(is_told, np.pi * sent.sum(axis=2) / np.maximum(got.sum(axis=2), 1e-30), np.inf)
+        count = is_told.sum(axis=0)
         low = np.take_along_axis(np.sort(ratio, axis=0), (count // 6)[None], axis=0)[0]
         for c in range(3):
             told = (count[:, c] >= 2) & np.isfinite(low[:, c])

@@ -114,6 +114,9 @@ def _fit_indirect(
                 bounced, computed, left, lit = None, 0.0, whole, alone
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
+    if bounced is not None and indirect.left_out_error(left, lit) > indirect.unexplained(left):
+        # Too little is photographed to say what the surroundings add: what is computed asks for no photograph.
+        solution = replace(solution, value=np.zeros_like(solution.value))
     at_sites = np.maximum(indirect.predict(solution, lit) + computed, 0.0).astype(np.float32)
     irradiance = _at_points(stage, at_sites)
     if is_last:
@@ -134,6 +137,8 @@ def _at_points(stage: Stage, at_sites: np.ndarray) -> np.ndarray:
 def _indirect_evidence(whole: indirect.SiteSums, left: indirect.SiteSums, lit: indirect.LightDesign) -> Evidence:
     """What left-out photographs gain by indirect light, and how much of it by what is computed between surfaces."""
     none, error = indirect.unexplained(whole), indirect.left_out_error(left, lit)
+    if left is not whole:
+        error = min(error, indirect.unexplained(left))
     reason = "left-out photographs, leave-one-out of the linear fit"
     if left is not whole:
         reason += f"; {_decibels(indirect.left_out_error(whole, lit), error):.1f} dB by light from surface to surface"
