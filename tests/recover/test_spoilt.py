@@ -1,0 +1,62 @@
+"""Photographs that a stray lamp spoils, and photographs that are too few to say what the surroundings add."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from relight3d.evaluate import disturb
+from relight3d.evaluate.run import evaluate
+from relight3d.records import Capture, Photograph, RelightModel
+from relight3d.recover.run import recover
+from tests.plan.models import QUICK, rich_capture
+
+SPOILT = 5
+
+
+@cache
+def with_a_stray_lamp() -> Capture:
+    """One training photograph has another's light in it as well, which its file does not say."""
+    lit = [p for p in rich_capture().split("train") if p.lights]
+    return _with(lit[SPOILT], replace(lit[SPOILT], pixels=lit[SPOILT].pixels + lit[0].pixels))
+
+
+def _with(old: Photograph, new: Photograph | None) -> Capture:
+    capture = rich_capture()
+    photographs = tuple(new if p is old else p for p in capture.photographs)
+    return replace(capture, photographs=tuple(p for p in photographs if p is not None))
+
+
+def held_out_db(model: RelightModel) -> float:
+    return evaluate(model, rich_capture()).rows()[0].mean.psnr_db
+
+
+@cache
+def recovered(which: str) -> RelightModel:
+    lit = [p for p in rich_capture().split("train") if p.lights]
+    captures = {"spoilt": with_a_stray_lamp, "without": lambda: _with(lit[SPOILT], None)}
+    return recover(captures[which](), QUICK, quiet=True)
+
+
+def test_a_spoilt_photograph_is_named_and_costs_no_more_than_leaving_it_out() -> None:
+    index = [p.name for p in with_a_stray_lamp().split("train")].index(
+        [p for p in rich_capture().split("train") if p.lights][SPOILT].name
+    )
+    warnings = [w for w in recovered("spoilt").warnings if "disagree with all others" in w]
+    assert len(warnings) == 1 and f"training photographs {index} disagree" in warnings[0]
+    # The first alternation still heard a tenth of it; used as before, it cost 3.9 dB on data/desk.
+    assert held_out_db(recovered("spoilt")) > held_out_db(recovered("without")) - 0.5
+
+
+def test_clean_photographs_are_all_used() -> None:
+    clean = recover(rich_capture(), QUICK, quiet=True)
+    assert not any("disagree" in w for w in clean.warnings)
+
+
+def test_with_two_photographs_shadows_are_not_black() -> None:
+    """What surfaces send one another asks for no photograph beside those that tell their albedo."""
+    capture = disturb.with_few_lights(rich_capture(), 2)
+    model = recover(capture, QUICK, quiet=True)
+    assert model.indirect is None or np.isfinite(model.indirect.coefficients).all()
+    off = recover(capture, replace(QUICK, force=("indirect=off",)), quiet=True)
+    assert evaluate(model, capture).rows()[0].mean.psnr_db >= evaluate(off, capture).rows()[0].mean.psnr_db - 0.05
