@@ -41,8 +41,11 @@ def test_every_pixel_is_in_one_class_and_every_effect_has_its_price(output: Path
     assert {each["name"]: each["kind"] for each in full["kinds"]}["tea_box"] == "textured"
 
 
-def test_a_lamp_that_the_file_does_not_name_costs_something(output: Path) -> None:
-    assert read(output, "lamp")["psnr"]["relight3d"]["all"] < read(output, "24")["psnr"]["relight3d"]["all"]
+def test_a_lamp_that_the_file_does_not_name_is_told_and_costs_little(output: Path) -> None:
+    row = read(output, "lamp")
+    assert any("disagree with all others" in warning for warning in row["warnings"])
+    # Recovery leaves that photograph out: one of twelve. Used, it costs several dB.
+    assert row["psnr"]["relight3d"]["all"] > read(output, "24")["psnr"]["relight3d"]["all"] - 1.0
 
 
 def test_the_page_has_the_figures_and_says_what_falls_short(output: Path) -> None:
