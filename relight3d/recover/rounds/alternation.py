@@ -13,6 +13,7 @@ from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Sta
 from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
 
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
+FEW_PHOTOGRAPHS = 4  # with fewer, left-out ones may say that the indirect light's fit is worse than none
 NOT_TOLD = "nothing tells it from indirect light"
 ALL_OF_IT_DB = 100.0  # the gain of an effect without which there is nothing
 
@@ -114,7 +115,8 @@ def _fit_indirect(
                 bounced, computed, left, lit = None, 0.0, whole, alone
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
-    if bounced is not None and indirect.left_out_error(left, lit) > indirect.unexplained(left):
+    is_few = len(observed.lights) < FEW_PHOTOGRAPHS
+    if is_few and bounced is not None and indirect.left_out_error(left, lit) > indirect.unexplained(left):
         # Too little is photographed to say what the surroundings add: what is computed asks for no photograph.
         solution = replace(solution, value=np.zeros_like(solution.value))
     at_sites = np.maximum(indirect.predict(solution, lit) + computed, 0.0).astype(np.float32)
