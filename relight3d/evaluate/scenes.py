@@ -7,10 +7,10 @@ import numpy as np
 from relight3d.camera import Camera, look_at
 from relight3d.evaluate.shapes import box, joined, plane, sphere, transformed, turn_about
 from relight3d.lights import DirectionalLight, Light, PointLight
+from relight3d.maths.light_basis import GOLDEN_ANGLE
 from relight3d.records import Lobe, TriangleMesh
 
 Color = tuple[float, float, float]
-GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)
 
 
 @dataclass(frozen=True)

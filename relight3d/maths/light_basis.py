@@ -8,6 +8,7 @@ constant 1. The order of a basis is the highest degree of its polynomials.
 import numpy as np
 from jaxtyping import Float
 
+GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)
 BASES: dict[str, int] = {  # name -> number of functions
     "constant": 1,
     "linear": 4,
@@ -75,6 +76,14 @@ def degree_of(name: str) -> Float[np.ndarray, " basis"]:
     return np.array(degrees.get(name, harmonics[: BASES[name]]), dtype=np.float64)
 
 
+def spread_directions(num: int) -> Float[np.ndarray, "num 3"]:
+    """Unit directions spread evenly over the sphere, by a golden spiral from pole to pole."""
+    index = np.arange(num) + 0.5
+    z = 1.0 - 2.0 * index / max(num, 1)
+    ring, turn = np.sqrt(1.0 - z * z), GOLDEN_ANGLE * index
+    return np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+
+
 def embedding(name: str, into: str) -> Float[np.ndarray, "basis wider"]:
     """The functions of one basis as combinations of a wider one's: rows of coefficients.
 
@@ -82,10 +91,7 @@ def embedding(name: str, into: str) -> Float[np.ndarray, "basis wider"]:
     """
     if name == into:
         return np.eye(BASES[name])
-    index = np.arange(200) + 0.5
-    z, turn = 1.0 - index / 100.0, index * np.pi * (3.0 - 5.0**0.5)
-    ring = np.sqrt(1.0 - z * z)
-    omega = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    omega = spread_directions(200)
     wide, narrow = evaluate_basis(into, omega), evaluate_basis(name, omega)
     rows = np.linalg.lstsq(wide, narrow, rcond=None)[0].T
     if np.abs(wide @ rows.T - narrow).max() > 1e-9:

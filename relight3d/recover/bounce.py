@@ -16,10 +16,9 @@ from jaxtyping import Float32, Float64, Int32
 from relight3d.errors import InputError
 from relight3d.lights import DirectionalLight, Light, PointLight
 from relight3d.maths.least_squares import solve_normal
-from relight3d.maths.light_basis import BASES, degree_of, embedding
+from relight3d.maths.light_basis import BASES, degree_of, embedding, spread_directions
 from relight3d.records import Indirect, Mirror, PatchMesh, ShadingPoints
 from relight3d.recover.patches import (
-    GOLDEN_ANGLE,
     as_points,
     choose_patches,
     hemispheres,
@@ -213,10 +212,7 @@ def lights_to_try(
     distances = np.array(
         [np.inf if isinstance(one, DirectionalLight) else np.linalg.norm(one.position) for one in every]
     )
-    index = np.arange(8 * num_lights) + 0.5
-    z = 1.0 - index / max(4 * num_lights, 1)
-    ring, turn = np.sqrt(1.0 - z * z), GOLDEN_ANGLE * index
-    around = np.stack([ring * np.cos(turn), ring * np.sin(turn), z], axis=1)
+    around = spread_directions(8 * num_lights)
     cosine = around @ anchors.T
     near = cosine.max(axis=1) > np.cos(min(reach_rad, np.pi))
     around, nearest = around[near], cosine[near].argmax(axis=1)

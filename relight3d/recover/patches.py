@@ -5,10 +5,10 @@ import scipy.sparse as sp
 from jaxtyping import Float32
 from scipy.spatial import cKDTree
 
+from relight3d.maths.light_basis import GOLDEN_ANGLE
 from relight3d.records import Mirror, PatchMesh, ShadingPoints
 from relight3d.tracing import RayScene
 
-GOLDEN_ANGLE = np.pi * (3.0 - 5.0**0.5)
 INSET = 0.2  # patches stand so far from their vertex towards the middle of its face: edges lie in two surfaces
 
 

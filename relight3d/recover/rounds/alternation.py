@@ -33,11 +33,14 @@ class _Known:
 def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
     """Albedo and indirect light in turn (trap 3), the albedo's scale held by the shadow borders (eq. 1)."""
     options = stage.options
+    direct = smooth = direct_irradiance(stage, observed, mirrors, fitted)
+    if fitted.normal is not stage.points.normal:
+        smooth = direct_irradiance(stage, observed, mirrors, replace(fitted, normal=stage.points.normal))
     known = _Known(
         observed,
         observed.radiance if fitted.specular is None else observed.radiance - fitted.specular,
-        direct_irradiance(stage, observed, mirrors, fitted),
-        direct_irradiance(stage, observed, mirrors, replace(fitted, normal=stage.points.normal)),
+        direct,
+        smooth,
         diffuse.border_pairs(observed, stage.points, stage.surface, stage.camera, options.diffuse),
         # An error in the dark shows more than the same error in the light: the indirect light is fitted as it is seen.
         dark_weights(observed.radiance, stage.white),
