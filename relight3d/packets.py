@@ -24,7 +24,7 @@ WIDTH = 16
 NEVER = np.float32(1e30)  # as far as a ray without a limit goes
 # Rows of RTCRay16 and RTCRayHit16 in 32-bit words (rtcore_ray.h, Embree 4).
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, ID, FLAGS = 0, 3, 4, 7, 8, 9, 10, 11
-HIT_U, HIT_V, HIT_PRIMITIVE, NUM_RAY_ROWS, NUM_HIT_ROWS = 15, 16, 17, 12, 21
+HIT_U, HIT_V, HIT_PRIMITIVE, HIT_GEOMETRY, NUM_RAY_ROWS, NUM_HIT_ROWS = 15, 16, 17, 18, 12, 21
 # Enumerators of rtcore_buffer.h, rtcore_geometry.h and rtcore_scene.h.
 COHERENT = 1 << 16  # packets are walked together: 1.4 times as fast for rays of neighbouring pixels
 INDEX_BUFFER, VERTEX_BUFFER, UINT3, FLOAT3, TRIANGLES, ROBUST = 0, 1, 0x5003, 0x9003, 0, 4

@@ -53,8 +53,9 @@ class View:
         """Some of the points, on their own: without neighbours, so without soft borders."""
         names = ("surface", "albedo", "normal", "lobe_gain", "throughput", "is_mirrored", "source", "share", "step")
         alone = np.full((len(index), 4), -1, np.int32)
-        parts = {name: getattr(self, name)[index] for name in names}
-        return replace(self, points=self.points.take(index), neighbour=alone, **parts)
+        given = {field.name: getattr(self, field.name) for field in fields(View)}
+        given |= {name: given[name][index] for name in names}
+        return View(**given | {"points": self.points.take(index), "neighbour": alone})
 
 
 def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions = ViewOptions()) -> View:

@@ -5,6 +5,7 @@ together, so that a pixel is added up where it is shaded. `rank` numbers the pix
 are stored sixteen pixels side by side: a vector register holds one mode of a whole block.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,9 +14,10 @@ from jaxtyping import Float32, Float64, Int32
 
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
-from relight3d.relight.modes import Modes, pack_modes
+from relight3d.relight.lazy_view import LazyView
+from relight3d.relight.modes import Modes, modes_elsewhere, pack_modes
+from relight3d.relight.pack_kernels import number_used, pack_reflectance, read_faces
 from relight3d.relight.tiles import rank_of_pixel, tiles
-from relight3d.relight.view_kernels import number_used, pack_reflectance, read_faces
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
@@ -50,7 +52,7 @@ class Buffers:
     surface: Int32[np.ndarray, " point"]
     lobe_start: Int32[np.ndarray, " surface_and_end"]  # the lobes of surface s: lobe_start[s] to lobe_start[s + 1]
     lobes: Float32[np.ndarray, "lobe 12"]
-    step: Float32[np.ndarray, "point 2 3"]
+    steps: Callable[[Int32[np.ndarray, " some"]], Float32[np.ndarray, "some 2 3"]]  # View.step of some points
     neighbour: Int32[np.ndarray, "point 4"]
     point_start: Int32[np.ndarray, " rank_and_end"]  # the points of rank r: point_start[r] to point_start[r + 1]
     pixel_of_rank: Int32[np.ndarray, " rank"]
@@ -71,6 +73,8 @@ class Buffers:
 
 def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Buffers:
     """The view's points in blocks, with everything that a frame reads of them."""
+    if isinstance(view, LazyView) and view.serves(model):
+        return _packed_already(model, view, precision)
     order, pixel_of_rank, start = _block_order(view)
     num, points = len(order), view.points
     lobes, lobe_start = _lobe_table(model)
@@ -104,13 +108,42 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
         surface=sorted_rows(view.surface),
         lobe_start=lobe_start,
         lobes=lobes,
-        step=sorted_rows(view.step),
+        steps=lambda index: view.step[order[index]],
         neighbour=neighbour,
         point_start=start,
         pixel_of_rank=pixel_of_rank,
         sites=None if model.indirect is None else _sites(model, model.indirect, view, order, in_order),
         modes=modes,
         order=order,
+    )
+
+
+def _packed_already(model: RelightModel, view: LazyView, precision: str) -> Buffers:
+    """The buffers of a view from compiled loops, which wrote them as they looked."""
+    packed, listed, indirect = view.packed, view.looked.listed, model.indirect
+    lobes, lobe_start = _lobe_table(model)
+    sites = None
+    if indirect is not None:
+        sites = _sites_at(indirect, packed.vertex, packed.corner, packed.corner_share, model.mesh.centered_vertices)
+    return Buffers(
+        position=packed.position,
+        geometric_normal=packed.geometric,
+        normal=packed.normal,
+        to_viewer=packed.to_viewer,
+        diffuse=packed.diffuse,
+        gloss=packed.gloss,
+        surface=packed.surface,
+        lobe_start=lobe_start,
+        lobes=lobes,
+        steps=view.steps,
+        neighbour=packed.neighbour,
+        point_start=listed.start,
+        pixel_of_rank=listed.pixel_of_rank,
+        sites=sites,
+        modes=None
+        if model.residual is None
+        else modes_elsewhere(model, model.residual, packed.source, packed.source_share, precision),
+        order=np.arange(len(packed.surface), dtype=np.int32),
     )
 
 
@@ -166,14 +199,18 @@ def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarra
     source, new_row = np.ascontiguousarray(source, np.int32), np.zeros(len(positions), np.int32)
     rows = np.empty(len(positions), np.int32)
     rows = rows[: number_used(source, new_row, rows)]
-    all_positions = positions
+    return _sites_at(indirect, rows, source, np.ascontiguousarray(share, np.float32), positions)
+
+
+def _sites_at(indirect: Indirect, rows: np.ndarray, source: np.ndarray, share: np.ndarray, places: np.ndarray) -> Sites:
+    """The sites of some rows; `source` counts among those."""
     return Sites(
         source=source,
-        share=np.ascontiguousarray(share, np.float32),
-        positions=positions[rows].astype(np.float32),
-        coefficients=indirect.coefficients[rows].astype(np.float32),
-        ambient=indirect.ambient[rows].astype(np.float32),
-        all_positions=all_positions,
+        share=share,
+        positions=places[rows].astype(np.float32, copy=False),
+        coefficients=indirect.coefficients[rows].astype(np.float32, copy=False),
+        ambient=indirect.ambient[rows].astype(np.float32, copy=False),
+        all_positions=places,
         to_basis=_polynomial(indirect.basis),
     )
 

@@ -1,62 +1,41 @@
-"""A new viewpoint by compiled loops: the View that views.build_view makes, many times as fast.
+"""A new viewpoint by compiled loops: the view that views.build_view makes, many times as fast.
 
-Pixels are walked in blocks of 4 x 4, each a packet of rays; their place in that order is their seat. Mirrors are
-followed at once, and the pixels on outlines are looked at again. The points of the view end up in the order of the
-seats, which is the one that the engine's buffers want, so that it need not copy them.
+The picture is walked in blocks of 4 x 4 pixels, each a packet of rays, in tiles of whole rows of blocks. Mirrors are
+followed at once, pixels on outlines are looked at again, and the points are written in the order and in the arrays
+that frames read, so that nothing is sorted or packed afterwards.
 """
 
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Float32, Int32
 
 from relight3d import views
 from relight3d.camera import Camera
-from relight3d.records import PixelMap, RelightModel, ShadingPoints
-from relight3d.relight import look_kernels, view_kernels
-from relight3d.relight.tiles import pixel_of_seat, tiles
+from relight3d.packets import WIDTH
+from relight3d.records import RelightModel
+from relight3d.relight import look_kernels, outline_kernels, view_kernels
+from relight3d.relight.captured import captured_of
+from relight3d.relight.lazy_view import LazyView, Looked
+from relight3d.relight.tiles import tiles
+from relight3d.relight.view_arrays import BLOCK, Listed, Mesh, Packed, Picture, Rays
 from relight3d.shading import NUDGE_PX
 from relight3d.tracing import RayScene, over_threads
-from relight3d.views import View, ViewOptions
+from relight3d.views import ViewOptions
 
 
-class Rays(NamedTuple):
-    """Where rays end, as look_kernels.look leaves it: one for each seat, then those of the pixels looked at again."""
+class _Tile(NamedTuple):
+    """Seats that one thread sees to, and what it found there."""
 
-    face: Int32[np.ndarray, " ray"]
-    u: Float32[np.ndarray, " ray"]
-    v: Float32[np.ndarray, " ray"]
-    depth: Float32[np.ndarray, " ray"]
-    toward: Float32[np.ndarray, "ray 3"]
-    bounces: np.ndarray
-    tint: Float32[np.ndarray, "ray 3"]
-    turned: Float32[np.ndarray, "ray 2 3"]
+    seats: slice
+    rows: slice
+    cut: Int32[np.ndarray, " cut"]  # seats looked at again; their rays stand from `begin` on
+    begin: int
+    counts: tuple[int, int, int]  # points, pixels with points, rays lost to the surroundings
+    num_rays: int
 
 
-class Listed(NamedTuple):
-    """The view's points by the rays that end in them, and the rays that a mirror sent to the surroundings."""
-
-    ray: Int32[np.ndarray, " point"]
-    part: Float32[np.ndarray, " point"]
-    pixel: Int32[np.ndarray, " point"]
-    is_cut: Bool[np.ndarray, " pixel"]
-    lost: Int32[np.ndarray, " miss"]
-    lost_part: Float32[np.ndarray, " miss"]
-    lost_pixel: Int32[np.ndarray, " miss"]
-
-
-class Captured(NamedTuple):
-    """What every viewpoint of a model reads of its captured pixels."""
-
-    row_of_pixel: Int32[np.ndarray, " pixel"]  # the captured point of each pixel, -1 for none
-    seen: Float32[np.ndarray, "point column"]  # view_kernels.SEEN_PLACE and on
-
-
-_captured: "WeakKeyDictionary[PixelMap, Captured]" = WeakKeyDictionary()
-
-
-def build_fast_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> View:
+def build_fast_view(scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> LazyView:
     """What a camera other than the captured one sees. The scene must have packets."""
     return _Looker(scene, model, camera, options).view()
 
@@ -64,156 +43,169 @@ def build_fast_view(scene: RayScene, model: RelightModel, camera: Camera, option
 class _Looker:
     def __init__(self, scene: RayScene, model: RelightModel, camera: Camera, options: ViewOptions) -> None:
         self.scene, self.model, self.camera, self.options = scene, model, camera, options
-        mesh = model.mesh
-        self._mesh = (mesh.faces, mesh.centered_vertices, mesh.vertex_normals, mesh.face_normals)
-        self._surface_of_face = model.surfaces.surface_of_face
-        self._reflectance = np.zeros((model.surfaces.num_surfaces, 3), np.float32)
-        for mirror in model.mirrors:
-            self._reflectance[mirror.surface] = mirror.reflectance
-        axes = camera.world_from_camera[:3, :3].astype(np.float32)
-        self._ways = np.stack([axes[:, 0] / camera.fx, -axes[:, 1] / camera.fy]).astype(np.float32)
-        self._pixel_of_seat = pixel_of_seat(camera.width, camera.height)
+        mesh, blocks_wide = model.mesh, -(-camera.width // BLOCK)
+        self._mesh = Mesh(
+            mesh.faces, mesh.centered_vertices, mesh.vertex_normals, mesh.face_normals, model.surfaces.surface_of_face
+        )
+        self._captured = captured_of(model)
+        self._size = (camera.width, camera.height)
+        self._num_seats = blocks_wide * -(-camera.height // BLOCK) * WIDTH
+        self._tiles = tiles(self._num_seats, blocks_wide * WIDTH)
+        self._seats_of_row = blocks_wide * BLOCK  # on average
+        axes = camera.world_from_camera[:3, :3]
+        self._right, self._down = np.ascontiguousarray(axes[:, 0]) / camera.fx, -axes[:, 1] / camera.fy
+        self._corner = -axes[:, 2] - camera.cx * self._right - camera.cy * self._down
+        self._ways = np.stack([self._right, self._down]).astype(np.float32)
+        self._has_lens = any((camera.k1, camera.k2, camera.p1, camera.p2))
         # Room for every pixel on an outline; what is not used is never touched.
-        num = camera.num_pixels * (1 + (options.edge_samples if options.edge_samples > 1 else 0))
-        whole, triple = (lambda: np.empty(num, np.float32)), (lambda: np.empty((num, 3), np.float32))
+        num = self._num_seats * (1 + (options.edge_samples if options.edge_samples > 1 else 0))
         self._rays = Rays(
-            np.empty(num, np.int32), whole(), whole(), whole(), triple(), np.empty(num, np.uint8), triple(),
-            np.empty((num, 2, 3), np.float32),
+            face=np.empty(num, np.int32),
+            label=np.empty(num, np.int32),
+            u=np.empty(num, np.float32),
+            v=np.empty(num, np.float32),
+            depth=np.empty(num, np.float32),
+            toward=np.empty((3, num), np.float32),
+            tint=np.empty((num, 3), np.float32),
+            turned=np.empty((num, 2, 3), np.float32),
+        )
+        num = camera.num_pixels
+        drawn = num if options.edge_samples > 1 else 0
+        self._picture = Picture(
+            np.empty(num, np.int32), np.empty(drawn, np.float32), np.empty((3, drawn), np.float32),
+            np.empty(num, bool), np.empty(drawn, bool),
         )  # fmt: skip
 
-    def view(self) -> View:
-        num_rays = self._look(self._pixel_of_seat, np.full(1, 0.5), np.full(1, 0.5), 0)
-        cut, samples = np.zeros(0, np.int32), self.options.edge_samples
-        if samples > 1:
-            cut, side = self._outlines(), round(samples**0.5)
-            y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
-            num_rays += self._look(self._pixel_of_seat[cut], x, y, self.camera.num_pixels)
-        return self._view(self._listed(cut), num_rays)
+    def view(self) -> LazyView:
+        reflected = over_threads(self._look, self._tiles)
+        looked = over_threads(self._look_again, self._tiles)
+        listed, firsts = self._room_for_list(looked)
+        over_threads(lambda k: self._list(looked[k], firsts[k], listed), range(len(looked)))
+        packed = self._pack(looked, firsts, listed)
+        num_rays = self.camera.num_pixels + sum(reflected) + sum(tile.num_rays for tile in looked)
+        toward = np.ascontiguousarray(self._rays.toward[:, listed.lost].T)
+        miss = views._nearest_background(self.model, listed.lost_pixel, toward, self.camera)
+        is_hit = self._picture.is_hit.reshape(self.camera.height, self.camera.width)
+        parts = Looked(self._mesh, self._captured, self._rays, listed, self._ways)
+        return LazyView(self.camera, parts, packed, is_hit, miss, num_rays)
 
     # ------------------------------------------------------------------------------------- rays
 
-    def _look(self, pixel: Int32[np.ndarray, " pixel"], x: np.ndarray, y: np.ndarray, begin: int) -> int:
-        """Looks through places (x, y) in each pixel; the rays stand from `begin` on. Returns how many were cast."""
-        camera, rays, packets = self.camera, self._rays, self.scene.packets
+    def _look(self, seats: slice) -> int:
+        """Looks through the middle of each pixel. Returns how many rays were reflected."""
+        ends, shift = (seats.start, seats.stop), (0.5 + NUDGE_PX[0], 0.5 + NUDGE_PX[1])
+        if self._has_lens:
+            self._bend(np.arange(*ends, dtype=np.int32), shift[0], shift[1], seats.start)
+        rays = (self._corner, self._right, self._down, *shift, self._has_lens, self._rays)
+        look_kernels.seat_rays(*ends, *self._size, *rays)
+        num = self._trace(*ends)
+        with_outlines = self.options.edge_samples > 1
+        outline_kernels.draw(*ends, *self._size, with_outlines, self._mesh, self._rays, self._picture)
+        return num
+
+    def _bend(self, seats: np.ndarray, shift_x, shift_y, begin: int) -> None:
+        """Directions through a lens, for several places of each pixel."""
+        camera = self.camera
+        block, lane = np.divmod(seats, WIDTH)
+        row, column = np.divmod(block, -(-camera.width // BLOCK))
+        x, y = BLOCK * column + lane % BLOCK, BLOCK * row + lane // BLOCK
+        places = np.stack([x[:, None] + shift_x, y[:, None] + shift_y], axis=-1).reshape(-1, 2)
+        self._rays.toward[:, begin : begin + len(places)] = camera.directions(places).T
+
+    def _trace(self, first: int, last: int) -> int:
+        packets = self.scene.packets
         assert packets is not None
-        num, x, y = len(pixel) * len(x), x + NUDGE_PX[0], y + NUDGE_PX[1]
-        mine = Rays(*(each[begin : begin + num] for each in rays))
-        axes = camera.world_from_camera[:3, :3]
-        right, down = np.ascontiguousarray(axes[:, 0]) / camera.fx, -axes[:, 1] / camera.fy
-        corner = -axes[:, 2] - camera.cx * right - camera.cy * down
-        has_lens = any((camera.k1, camera.k2, camera.p1, camera.p2))
-        if has_lens:
-            places = np.stack([(pixel % camera.width)[:, None] + x, (pixel // camera.width)[:, None] + y], axis=-1)
-            mine.toward[:] = camera.directions(places.reshape(-1, 2))
-        eye = (camera.center - self.model.mesh.center).astype(np.float32)
-        scene = (packets.intersect, packets.scene, packets.arguments, self.scene.offset_distance, eye, self._ways)
+        eye = (self.camera.center - self.model.mesh.center).astype(np.float32)
+        return look_kernels.look(
+            first, last, packets.intersect, packets.scene, packets.arguments, self.scene.offset_distance, eye,
+            self._ways, self.options.max_bounces, self._reflectance, self._mesh, self._rays,
+        )  # fmt: skip
 
-        def look(part: slice) -> int:
-            if not has_lens:
-                first, last = part.start // len(x), part.stop // len(x)
-                look_kernels.pixel_rays(first, last, pixel, x, y, corner, right, down, camera.width, mine.toward)
-            return look_kernels.look(
-                part.start, part.stop, *scene, self.options.max_bounces, self._reflectance, self._surface_of_face,
-                self._mesh, *mine,
-            )  # fmt: skip
+    @property
+    def _reflectance(self) -> Float32[np.ndarray, "surface 3"]:
+        reflectance = np.zeros((self.model.surfaces.num_surfaces, 3), np.float32)
+        for mirror in self.model.mirrors:
+            reflectance[mirror.surface] = mirror.reflectance
+        return reflectance
 
-        return num + sum(over_threads(look, tiles(num, 16 * len(x))))
-
-    def _outlines(self) -> Int32[np.ndarray, " cut"]:
-        """The seats of pixels next to one that shows something else, as views._outlines."""
-        camera, rays, num = self.camera, self._rays, self.camera.num_pixels
-        label, far, normal = np.empty(num, np.int32), np.empty(num, np.float32), np.empty((3, num), np.float32)
-        given = (self._surface_of_face, self._mesh, rays.face, rays.u, rays.v, rays.depth, rays.toward, rays.bounces)
-        beside, below = np.zeros(num, bool), np.zeros(num, bool)
-
-        def label_them(part: slice) -> None:
-            look_kernels.label_pixels(part.start, part.stop, self._pixel_of_seat, *given, label, far, normal)
-
-        def compare(part: slice) -> None:
-            for stride, breaks in ((1, beside), (camera.width, below)):
-                last = min(part.stop, num - stride)
-                if part.start < last:
-                    look_kernels.find_breaks(part.start, last, stride, label, far, normal, breaks)
-
-        over_threads(label_them, tiles(num))
-        over_threads(compare, tiles(num))
-        seats = np.empty(num, np.int32)
-        shape = (camera.width, camera.height)
-        return seats[: look_kernels.cut_seats(self._pixel_of_seat, *shape, beside, below, rays.face, seats)]
-
-    def _listed(self, cut: Int32[np.ndarray, " cut"]) -> Listed:
-        num, samples = self.camera.num_pixels, self.options.edge_samples
-        room = num + len(cut) * samples
-        ray, pixel, lost, lost_pixel = (np.empty(room, np.int32) for _ in range(4))
-        part, lost_part = np.empty(room, np.float32), np.empty(room, np.float32)
-        is_cut = np.zeros(num, bool)
-        num_points, num_lost = look_kernels.list_points(
-            self._pixel_of_seat, self._rays.face, cut, samples, ray, part, pixel, is_cut, lost, lost_part, lost_pixel
-        )
-        points, misses = slice(0, num_points), slice(0, num_lost)
-        return Listed(
-            ray[points], part[points], pixel[points], is_cut, lost[misses], lost_part[misses], lost_pixel[misses]
-        )
+    def _look_again(self, seats: slice) -> _Tile:
+        """Looks through several places of the pixels on outlines."""
+        ends, samples = (seats.start, seats.stop), self.options.edge_samples
+        rows = slice(seats.start // self._seats_of_row, min(seats.stop // self._seats_of_row, self.camera.height))
+        begin, cut, num = self._num_seats + samples * seats.start, np.empty(0, np.int32), 0
+        if samples > 1:
+            picture, face = self._picture, self._rays.face
+            outline_kernels.find_edges(rows.start, rows.stop, *self._size, picture, np.empty(self.camera.width, bool))
+            cut = np.empty(seats.stop - seats.start, np.int32)
+            cut = cut[: outline_kernels.cut_seats(*ends, *self._size, picture.is_edge, face, cut)]
+            side = round(samples**0.5)
+            y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
+            x, y = x + NUDGE_PX[0], y + NUDGE_PX[1]
+            if self._has_lens:
+                self._bend(cut, x, y, begin)
+            rays = (self._corner, self._right, self._down, x, y, self._has_lens, begin, self._rays)
+            look_kernels.cut_rays(cut, self.camera.width, *rays)
+            num = len(cut) * samples
+            num += self._trace(begin, begin + num)
+        counts = outline_kernels.count_points(*ends, self._rays.face, cut, samples, begin)
+        return _Tile(seats, rows, cut, begin, counts, num)
 
     # ------------------------------------------------------------------------------------- points
 
-    def _view(self, listed: Listed, num_rays: int) -> View:
-        model, camera, rays, num = self.model, self.camera, self._rays, len(listed.ray)
-        position, geometric, mesh_normal, to_viewer, throughput, albedo, normal = (
-            np.empty((3, num), np.float32) for _ in range(7)
-        )
-        face, surface, depth, gain = (np.empty(num, kind) for kind in (np.int32, np.int32, np.float32, np.float32))
-        barycentric, is_mirrored = np.empty((num, 3), np.float32), np.empty(num, bool)
-        source, share = np.empty((num, 4), np.int32), np.empty((num, 4), np.float32)
-        step, neighbour = np.empty((num, 2, 3), np.float32), np.empty((num, 4), np.int32)
-        eye, captured = model.camera, captured_of(model)
-        lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy, eye.k1, eye.k2, eye.p1, eye.p2])
-        project = (lens, np.ascontiguousarray(eye.world_from_camera[:3, :3]), eye.center - model.mesh.center)
-        mean = model.surface_albedo.astype(np.float32)
-        point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
-
-        def fill(part: slice) -> None:
-            ends = (part.start, part.stop)
-            view_kernels.place_points(
-                *ends, listed.ray, listed.part, *rays[:-1], self._mesh, self._surface_of_face, face, barycentric,
-                position, geometric, mesh_normal, to_viewer, depth, surface, is_mirrored, throughput,
-            )  # fmt: skip
-            where = (position, mesh_normal, surface)
-            view_kernels.look_up(*ends, *project, eye.width, eye.height, *captured, *where, source, share)
-            out = (albedo, normal, gain)
-            view_kernels.read_properties(*ends, source, share, surface, mean, captured.seen, mesh_normal, *out)
-            turns = (self._ways, listed.ray, rays.bounces, rays.turned)
-            view_kernels.steps(*ends, *turns, geometric, to_viewer, depth, step)
-            view_kernels.mark_whole(*ends, listed.pixel, listed.is_cut, point_of_pixel)
-
-        def join(part: slice) -> None:
-            picture = (camera.width, camera.height, listed.pixel, point_of_pixel)
-            view_kernels.neighbours(part.start, part.stop, *picture, surface, is_mirrored, neighbour)
-
-        over_threads(fill, tiles(num))
-        over_threads(join, tiles(num))
-        is_hit = np.empty(camera.num_pixels, bool)
-        is_hit[self._pixel_of_seat] = rays.face[: camera.num_pixels] != look_kernels.NOTHING
-        points = ShadingPoints(
-            listed.pixel, face, barycentric, position.T, geometric.T, mesh_normal.T, to_viewer.T, depth
-        )
-        miss = views._nearest_background(model, listed.lost_pixel, rays.toward[listed.lost], camera)
-        return View(
-            camera, points, surface, albedo.T, normal.T, gain, throughput.T, is_mirrored, source, share, step,
-            neighbour, listed.lost_pixel, miss, listed.lost_part, is_hit.reshape(camera.height, camera.width), num_rays,
+    def _room_for_list(self, looked: list[_Tile]) -> tuple[Listed, np.ndarray]:
+        """Empty lists, and where each tile's begin: its first point, rank and lost ray (and the ends of all)."""
+        firsts = np.zeros((len(looked) + 1, 3), np.int64)
+        np.cumsum([tile.counts for tile in looked], axis=0, out=firsts[1:])
+        points, ranks, lost = firsts[-1]
+        listed = Listed(
+            np.empty(points, np.int32), np.empty(points, np.float32), np.empty(points, np.float32),
+            np.empty(ranks + 1, np.int32), np.empty(ranks, np.int32), np.empty(self.camera.num_pixels, np.int32),
+            np.empty(lost, np.int32), np.empty(lost, np.float32), np.empty(lost, np.int32),
         )  # fmt: skip
+        listed.start[-1] = points
+        return listed, firsts
 
+    def _list(self, tile: _Tile, first: np.ndarray, listed: Listed) -> None:
+        given = (tile.seats.start, tile.seats.stop, *self._size, self._rays.face)
+        begins = (int(first[0]), int(first[1]), int(first[2]))
+        outline_kernels.list_points(*given, tile.cut, self.options.edge_samples, tile.begin, *begins, listed)
 
-def captured_of(model: RelightModel) -> Captured:
-    """What viewpoints read of the model's captured pixels, made once."""
-    pixels, points = model.pixels, model.pixels.points
-    if pixels not in _captured:
-        row_of_pixel = np.full(model.camera.num_pixels, -1, np.int32)
-        row_of_pixel[points.pixel] = np.arange(len(points), dtype=np.int32)
-        slant = np.abs(np.einsum("pi,pi->p", points.geometric_normal, points.to_viewer))
-        columns = (
-            points.position, 3.0 / np.maximum(slant, 0.1), points.normal, pixels.surface, pixels.albedo,
-            pixels.lobe_gain, pixels.normal - points.normal, np.zeros(len(points)),
-        )  # fmt: skip
-        _captured[pixels] = Captured(row_of_pixel, np.column_stack(columns).astype(np.float32))
-    return _captured[pixels]
+    def _pack(self, looked: list[_Tile], firsts: np.ndarray, listed: Listed) -> Packed:
+        """What frames read of the points."""
+        model, num = self.model, len(listed.ray)
+        with_corners = model.indirect is not None and model.indirect.site == "vertex"
+        num_corners, num_sources = num if with_corners else 0, num if model.residual is not None else 0
+        is_read = np.zeros(len(model.mesh.vertices) if with_corners else 0, np.uint8)
+        row_of_vertex, vertex = np.empty(len(is_read), np.int32), np.empty(len(is_read), np.int32)
+        packed = Packed(
+            position=np.empty((3, num), np.float32),
+            geometric=np.empty((3, num), np.float32),
+            normal=np.empty((3, num), np.float32),
+            to_viewer=np.empty((3, num), np.float32),
+            diffuse=np.empty((3, num), np.float32),
+            gloss=np.empty((3, num), np.float32),
+            surface=np.empty(num, np.int32),
+            neighbour=np.empty((num, 4), np.int32),
+            corner=np.empty((num_corners, 3), np.int32),
+            corner_share=np.empty((num_corners, 3), np.float32),
+            vertex=vertex,
+            source=np.empty((num_sources, 4), np.int32),
+            source_share=np.empty((num_sources, 4), np.float32),
+        )
+        given = (listed, self._rays, self._mesh, self._captured)
+
+        def fill(k: int) -> None:
+            first, last = int(firsts[k, 0]), int(firsts[k + 1, 0])
+            view_kernels.fill_points(first, last, *given, packed, is_read, view_kernels.scratch())
+            seats, picture = looked[k].seats, (self._picture.label, listed.point_of_pixel)
+            outline_kernels.find_neighbours(
+                seats.start, seats.stop, *self._size, first, last, *picture, packed.neighbour
+            )
+
+        over_threads(fill, range(len(looked)))
+        if not with_corners:
+            return packed
+        vertex = vertex[: view_kernels.number_read(is_read, row_of_vertex, vertex)]
+        corner = packed.corner.reshape(-1)
+        over_threads(lambda part: view_kernels.renumber(row_of_vertex, corner[part]), tiles(len(corner)))
+        return packed._replace(vertex=vertex)

@@ -1,4 +1,4 @@
-"""The compiled loops that look from a camera: packets of rays, followed through mirrors, and the outlines in a picture.
+"""The compiled loops that look from a camera: packets of rays, followed through mirrors.
 
 A ray ends in a face, or in one of three ways: it met nothing, a mirror sent it to the surroundings, or it was still
 among mirrors when no more were to be followed. They compute what views.build_view computes.
@@ -12,6 +12,7 @@ import numpy as np
 from relight3d.packets import (
     DIRECTION,
     FAR,
+    HIT_GEOMETRY,
     HIT_PRIMITIVE,
     HIT_U,
     HIT_V,
@@ -23,40 +24,72 @@ from relight3d.packets import (
     call_query,
     empty_packet,
 )
-from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
+from relight3d.relight.kernels import ONE, compiled, inlined
+from relight3d.relight.view_arrays import AMONG_MIRRORS, ASKED, BLOCK, NOTHING, SURROUNDINGS
 
-NOTHING, SURROUNDINGS, AMONG_MIRRORS = -1, -2, -3  # in place of a face
 TWO = np.float32(2)
 
 
 @compiled
-def pixel_rays(first, last, pixel, shift_x, shift_y, corner, right, down, width, directions):
-    """Unit directions through places in pixels first..last of a camera without distortion; one for each shift."""
-    for i in range(first, last):
+def seat_rays(first, last, width, height, corner, right, down, shift_x, shift_y, is_given, rays):
+    """Unit directions through the seats first..last of a camera without distortion; those in no pixel are not asked for.
+
+    Seats begin a block. With `is_given` the directions stay as they are.
+    """
+    blocks_wide = -(-width // BLOCK)
+    for begin in range(first, last, WIDTH):
+        block = begin // WIDTH
+        left, top = block % blocks_wide * BLOCK, block // blocks_wide * BLOCK
+        face = rays.face[begin : begin + WIDTH]
+        for lane in range(WIDTH):
+            inside = (left + lane % BLOCK < width) & (top + lane // BLOCK < height)
+            face[lane] = ASKED if inside else NOTHING
+        if is_given:
+            continue
+        dx, dy = rays.toward[0, begin : begin + WIDTH], rays.toward[1, begin : begin + WIDTH]
+        dz = rays.toward[2, begin : begin + WIDTH]
+        for lane in range(WIDTH):
+            x, y = left + lane % BLOCK + shift_x, top + lane // BLOCK + shift_y
+            ex = corner[0] + x * right[0] + y * down[0]
+            ey = corner[1] + x * right[1] + y * down[1]
+            ez = corner[2] + x * right[2] + y * down[2]
+            inverse = 1.0 / math.sqrt(ex * ex + ey * ey + ez * ez)
+            dx[lane], dy[lane], dz[lane] = ex * inverse, ey * inverse, ez * inverse
+
+
+@compiled
+def cut_rays(seats, width, corner, right, down, shift_x, shift_y, is_given, begin, rays):
+    """As seat_rays, through several places of each pixel; the rays stand from `begin` on, pixel by pixel."""
+    blocks_wide, ray = -(-width // BLOCK), begin
+    for seat in seats:
+        block, lane = seat // WIDTH, seat % WIDTH
+        left, top = block % blocks_wide * BLOCK + lane % BLOCK, block // blocks_wide * BLOCK + lane // BLOCK
         for k in range(len(shift_x)):
-            x, y = pixel[i] % width + shift_x[k], pixel[i] // width + shift_y[k]
-            dx = corner[0] + x * right[0] + y * down[0]
-            dy = corner[1] + x * right[1] + y * down[1]
-            dz = corner[2] + x * right[2] + y * down[2]
-            inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
-            ray = i * len(shift_x) + k
-            directions[ray, 0], directions[ray, 1], directions[ray, 2] = dx * inverse, dy * inverse, dz * inverse
+            rays.face[ray] = ASKED
+            if not is_given:
+                x, y = left + shift_x[k], top + shift_y[k]
+                dx = corner[0] + x * right[0] + y * down[0]
+                dy = corner[1] + x * right[1] + y * down[1]
+                dz = corner[2] + x * right[2] + y * down[2]
+                inverse = 1.0 / math.sqrt(dx * dx + dy * dy + dz * dz)
+                rays.toward[0, ray], rays.toward[1, ray], rays.toward[2, ray] = dx * inverse, dy * inverse, dz * inverse
+            ray += 1
 
 
 @inlined
-def surface_point(f, u, v, wx, wy, wz, faces, vertices, vertex_normals, face_normals):
-    """Position, geometric and shading normal, both towards the viewer, of a point seen in direction w."""
-    a = ONE - u - v
-    i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
-    px = a * vertices[i, 0] + u * vertices[j, 0] + v * vertices[k, 0]
-    py = a * vertices[i, 1] + u * vertices[j, 1] + v * vertices[k, 1]
-    pz = a * vertices[i, 2] + u * vertices[j, 2] + v * vertices[k, 2]
-    nx = a * vertex_normals[i, 0] + u * vertex_normals[j, 0] + v * vertex_normals[k, 0]
-    ny = a * vertex_normals[i, 1] + u * vertex_normals[j, 1] + v * vertex_normals[k, 1]
-    nz = a * vertex_normals[i, 2] + u * vertex_normals[j, 2] + v * vertex_normals[k, 2]
-    gx, gy, gz = face_normals[f, 0], face_normals[f, 1], face_normals[f, 2]
-    if gx * wx + gy * wy + gz * wz > 0:
-        gx, gy, gz = -gx, -gy, -gz
+def corners_of(f, mesh):
+    """The vertices of a face. Unsigned: an index that could be negative is asked about at every access."""
+    f = np.uintp(f)
+    return np.uintp(mesh.faces[f, 0]), np.uintp(mesh.faces[f, 1]), np.uintp(mesh.faces[f, 2])
+
+
+@inlined
+def normal_at(f, u, v, gx, gy, gz, mesh):
+    """The shading normal of a point on face f, on the side of the geometric normal g (which already faces the viewer)."""
+    a, (i, j, k), n = ONE - u - v, corners_of(f, mesh), mesh.vertex_normals
+    nx = a * n[i, 0] + u * n[j, 0] + v * n[k, 0]
+    ny = a * n[i, 1] + u * n[j, 1] + v * n[k, 1]
+    nz = a * n[i, 2] + u * n[j, 2] + v * n[k, 2]
     length = nx * nx + ny * ny + nz * nz
     if length > 1e-12:
         inverse = ONE / np.float32(math.sqrt(length))
@@ -65,7 +98,27 @@ def surface_point(f, u, v, wx, wy, wz, faces, vertices, vertex_normals, face_nor
         nx, ny, nz = gx, gy, gz
     if nx * gx + ny * gy + nz * gz < 0:
         nx, ny, nz = -nx, -ny, -nz
-    return px, py, pz, gx, gy, gz, nx, ny, nz
+    return nx, ny, nz
+
+
+@inlined
+def facing_normal(f, wx, wy, wz, mesh):
+    """The geometric normal of face f, towards the viewer who looks in direction w."""
+    f = np.uintp(f)
+    gx, gy, gz = mesh.face_normals[f, 0], mesh.face_normals[f, 1], mesh.face_normals[f, 2]
+    if gx * wx + gy * wy + gz * wz > 0:
+        return -gx, -gy, -gz
+    return gx, gy, gz
+
+
+@inlined
+def place_at(f, u, v, mesh):
+    """Position of a point on face f."""
+    a, (i, j, k), c = ONE - u - v, corners_of(f, mesh), mesh.vertices
+    px = a * c[i, 0] + u * c[j, 0] + v * c[k, 0]
+    py = a * c[i, 1] + u * c[j, 1] + v * c[k, 1]
+    pz = a * c[i, 2] + u * c[j, 2] + v * c[k, 2]
+    return px, py, pz
 
 
 @inlined
@@ -77,155 +130,103 @@ def _reflect(normal, vector):
 
 
 @inlined
-def _bounce(ray, lane, offset, mesh, u, v, face, toward, turned, normal, rays):
+def _bounce(ray, lane, offset, mesh, rays, packet):
     """Turns a ray that ended in a mirror; False where that leads below the mirror's own surface."""
-    px, py, pz, gx, gy, gz, nx, ny, nz = surface_point(
-        face[ray], u[ray], v[ray], toward[ray, 0], toward[ray, 1], toward[ray, 2], *mesh
-    )
-    normal[0], normal[1], normal[2] = nx, ny, nz
-    _reflect(normal, toward[ray])
-    _reflect(normal, turned[ray, 0])
-    _reflect(normal, turned[ray, 1])
-    rays[ORIGIN, lane], rays[ORIGIN + 1, lane] = px + gx * offset, py + gy * offset
-    rays[ORIGIN + 2, lane] = pz + gz * offset
+    f, u, v, toward = rays.face[ray], rays.u[ray], rays.v[ray], rays.toward[:, ray]
+    gx, gy, gz = facing_normal(f, toward[0], toward[1], toward[2], mesh)
+    normal = normal_at(f, u, v, gx, gy, gz, mesh)
+    _reflect(normal, toward)
+    _reflect(normal, rays.turned[ray, 0])
+    _reflect(normal, rays.turned[ray, 1])
+    px, py, pz = place_at(f, u, v, mesh)
+    packet[ORIGIN, lane], packet[ORIGIN + 1, lane] = px + gx * offset, py + gy * offset
+    packet[ORIGIN + 2, lane] = pz + gz * offset
     for axis in range(3):
-        rays[DIRECTION + axis, lane] = toward[ray, axis]
-    return toward[ray, 0] * gx + toward[ray, 1] * gy + toward[ray, 2] * gz > 0
+        packet[DIRECTION + axis, lane] = toward[axis]
+    return toward[0] * gx + toward[1] * gy + toward[2] * gz > 0
+
+
+@inlined
+def _first_leg(start, count, eye, rays, active, packet):
+    """Fills a packet with the rays from `start` on; lanes beyond `count` repeat the last one, switched off."""
+    for axis in range(3):
+        direction, given = packet[DIRECTION + axis], rays.toward[axis, start : start + count]
+        packet[ORIGIN + axis, :] = eye[axis]
+        for lane in range(count):
+            direction[lane] = given[lane]
+        direction[count:] = given[count - 1]
+    active[count:] = 0
+    for lane in range(count):
+        active[lane] = -1 if rays.face[start + lane] == ASKED else 0
+
+
+@inlined
+def _settle(start, count, active, words, packet, surface_of_face, rays):
+    """Writes down where a packet's first legs end."""
+    face, label, found = rays.face[start : start + count], rays.label[start : start + count], words[HIT_PRIMITIVE]
+    for lane in range(count):
+        face[lane] = found[lane] if active[lane] else NOTHING
+        label[lane] = NOTHING
+    u, v, depth = rays.u[start : start + count], rays.v[start : start + count], rays.depth[start : start + count]
+    for lane in range(count):
+        u[lane], v[lane], depth[lane] = packet[HIT_U, lane], packet[HIT_V, lane], packet[FAR, lane]
+    for lane in range(count):
+        if face[lane] >= 0:
+            label[lane] = 2 * surface_of_face[face[lane]]
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def look(
-    first, last, query, scene, arguments, offset, eye, ways, max_bounces, reflectance, surface_of_face, mesh,
-    face, u, v, depth, toward, bounces, tint, turned,
-):  # fmt: skip
-    """Traces rays first..last from `eye`, and on from mirrors (surfaces whose `reflectance`, surface x 3, is not 0).
+def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, reflectance, mesh, rays):
+    """Traces those of the rays first..last that are asked for, from `eye`, and on from mirrors.
 
-    `ways` are the camera's steps to the right and down for one pixel at depth 1. Written for each ray: where it ends
-    (`face`, `u`, `v`), the way it took (`depth`), its last direction (`toward`, at first the camera's), how many mirrors
-    it met (`bounces`), what they leave of light (`tint`) and, if any, how they turn `ways` (`turned`). `mesh`: faces,
-    vertices, vertex and face normals. Returns how many rays were reflected.
+    Mirrors are surfaces whose `reflectance` (surface x 3) is not 0; `ways` are the camera's steps to the right and down
+    for one pixel at depth 1. Returns how many rays were reflected.
     """
-    words, rays, active = empty_packet(NUM_HIT_ROWS)
-    normal, num_reflected = np.empty(3, np.float32), 0
+    words, packet, active = empty_packet(NUM_HIT_ROWS)
+    words[NUM_RAY_ROWS:] = -1
+    num_reflected = 0
     for start in range(first, last, WIDTH):
         count = min(WIDTH, last - start)
-        for lane in range(WIDTH):
-            ray = start + min(lane, count - 1)
-            for axis in range(3):
-                rays[ORIGIN + axis, lane], rays[DIRECTION + axis, lane] = eye[axis], toward[ray, axis]
-                tint[ray, axis] = ONE
-            active[lane] = -1 if lane < count else 0
-            face[ray], depth[ray], bounces[ray] = NOTHING, ZERO, 0
+        _first_leg(start, count, eye, rays, active, packet)
         for bounce in range(max_bounces + 1):
-            rays[FAR], words[NUM_RAY_ROWS:] = NEVER, -1
+            packet[FAR, :] = NEVER
+            words[HIT_PRIMITIVE, :], words[HIT_GEOMETRY, :] = -1, -1
             call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
+            if bounce == 0:
+                _settle(start, count, active, words, packet, mesh.surface_of_face, rays)
             waiting = 0
             for lane in range(count):
                 if active[lane] == 0:
                     continue
                 ray, hit = start + lane, words[HIT_PRIMITIVE, lane]
                 active[lane] = 0
-                if hit < 0:
-                    face[ray] = NOTHING if bounce == 0 else SURROUNDINGS
+                if bounce > 0:
+                    if hit < 0:
+                        rays.face[ray], rays.label[ray] = SURROUNDINGS, SURROUNDINGS
+                        continue
+                    rays.face[ray], rays.u[ray], rays.v[ray] = hit, packet[HIT_U, lane], packet[HIT_V, lane]
+                    rays.depth[ray] += packet[FAR, lane]
+                    rays.label[ray] = 2 * mesh.surface_of_face[hit] + 1
+                elif hit < 0:
                     continue
-                face[ray], u[ray], v[ray] = hit, rays[HIT_U, lane], rays[HIT_V, lane]
-                depth[ray] += rays[FAR, lane]
-                surface = surface_of_face[hit]
+                surface = rays.label[ray] // 2
                 if reflectance[surface, 0] + reflectance[surface, 1] + reflectance[surface, 2] == 0:
                     continue
                 if bounce == max_bounces:
-                    face[ray] = AMONG_MIRRORS
+                    rays.face[ray], rays.label[ray] = AMONG_MIRRORS, NOTHING
                     continue
                 num_reflected += 1
-                bounces[ray] += 1
                 if bounce == 0:
-                    for k in range(2):
-                        for axis in range(3):
-                            turned[ray, k, axis] = ways[k, axis]
+                    for axis in range(3):
+                        rays.tint[ray, axis] = ONE
+                        rays.turned[ray, 0, axis], rays.turned[ray, 1, axis] = ways[0, axis], ways[1, axis]
                 for axis in range(3):
-                    tint[ray, axis] *= reflectance[surface, axis]
-                if _bounce(ray, lane, offset, mesh, u, v, face, toward, turned, normal, rays):
+                    rays.tint[ray, axis] *= reflectance[surface, axis]
+                if _bounce(ray, lane, offset, mesh, rays, packet):
                     active[lane] = -1
                     waiting += 1
                 else:
-                    face[ray] = SURROUNDINGS
+                    rays.face[ray], rays.label[ray] = SURROUNDINGS, SURROUNDINGS
             if waiting == 0:
                 break
     return num_reflected
-
-
-@compiled
-def label_pixels(first, last, pixel, surface_of_face, mesh, face, u, v, depth, toward, bounces, label, far, normal):
-    """What the outlines go by, in the picture's order: surface and whether it is mirrored (or below 0), depth, normal."""
-    for seat in range(first, last):
-        p, f = pixel[seat], face[seat]
-        if f < 0:
-            label[p], far[p] = -2 if f == SURROUNDINGS else -1, ZERO
-            normal[0, p], normal[1, p], normal[2, p] = ZERO, ZERO, ZERO
-            continue
-        label[p], far[p] = 2 * surface_of_face[f] + (bounces[seat] > 0), depth[seat]
-        _, _, _, _, _, _, normal[0, p], normal[1, p], normal[2, p] = surface_point(
-            f, u[seat], v[seat], toward[seat, 0], toward[seat, 1], toward[seat, 2], *mesh
-        )
-
-
-@compiled
-def find_breaks(first, last, stride, label, far, normal, breaks):
-    """breaks[p] = whether pixel p and pixel p + stride show different surfaces, depths or directions."""
-    n = last - first
-    out, mark, other = breaks[first:last], label[first:last], label[first + stride : last + stride]
-    here, there = far[first:last], far[first + stride : last + stride]
-    for i in range(n):
-        apart = abs(here[i] - there[i]) > np.float32(0.06) * max(here[i], there[i])
-        out[i] = (mark[i] != other[i]) | apart
-    for i in range(n):
-        p, q = first + i, first + stride + i
-        alike = normal[0, p] * normal[0, q] + normal[1, p] * normal[1, q] + normal[2, p] * normal[2, q]
-        out[i] |= (alike < np.float32(0.85)) & (mark[i] >= 0)
-
-
-@compiled
-def cut_seats(pixel, width, height, beside, below, face, seats):
-    """Which seats (pixels that see the mesh) stand on an outline: written from seats[0] on. Returns how many.
-
-    `beside` and `below` are the breaks to the right and down.
-    """
-    count = 0
-    for seat in range(len(pixel)):
-        p = pixel[seat]
-        column, row = p % width, p // width
-        edge = (column + 1 < width and beside[p]) or (column > 0 and beside[p - 1])
-        edge = edge or (row + 1 < height and below[p]) or (row > 0 and below[p - width])
-        if edge and face[seat] != NOTHING:
-            seats[count] = seat
-            count += 1
-    return count
-
-
-@compiled
-def list_points(pixel, face, cut, num_each, ray_of_point, part, pixel_of_point, is_cut, lost, lost_part, lost_pixel):
-    """The points of the view, seat by seat: which ray ends there, and its part of the pixel.
-
-    Seats listed in `cut` have `num_each` rays in place of one, after those of the seats, if any of them meets the mesh.
-    `lost` gets the rays that ended in the surroundings. Returns how many points and lost rays there are.
-    """
-    num_points, num_lost, next_cut = 0, 0, 0
-    for seat in range(len(pixel)):
-        first, last, hits = seat, seat + 1, 1
-        if next_cut < len(cut) and cut[next_cut] == seat:
-            begin, met = len(pixel) + next_cut * num_each, 0
-            for ray in range(begin, begin + num_each):
-                met += face[ray] != NOTHING
-            if met > 0:
-                first, last, hits, is_cut[pixel[seat]] = begin, begin + num_each, met, True
-            next_cut += 1
-        for ray in range(first, last):
-            if face[ray] == SURROUNDINGS:
-                lost[num_lost], lost_part[num_lost] = ray, ONE / np.float32(hits)
-                lost_pixel[num_lost] = pixel[seat]
-                num_lost += 1
-            elif face[ray] >= 0:
-                ray_of_point[num_points], part[num_points] = ray, ONE / np.float32(hits)
-                pixel_of_point[num_points] = pixel[seat]
-                num_points += 1
-    return num_points, num_lost

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from relight3d.records import RelightModel, Residual
+from relight3d.relight.pack_kernels import fade_shares
 from relight3d.relight.tiles import tiles
-from relight3d.relight.view_kernels import fade_shares
 from relight3d.shading import residual_kernel
 from relight3d.tracing import over_threads
 from relight3d.views import View
@@ -66,19 +66,31 @@ def pack_modes(
     precision: str,
 ) -> Modes:
     """The modes in the order in which the view walks its pixels, or the captured points theirs."""
-    captured = view.camera.same_as(model.camera)
-    if captured:
+    if view.camera.same_as(model.camera):
         row_of_pixel = np.full(view.camera.num_pixels, -1, np.int32)
         row_of_pixel[model.pixels.points.pixel] = np.arange(len(model.pixels.points), dtype=np.int32)
         rows = row_of_pixel[pixel_of_rank]
         source, share = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
-    else:
-        rows = np.arange(len(model.pixels.points), dtype=np.int32)
-        counts = np.diff(start)
-        part = np.repeat((1 / counts).astype(np.float32), counts)
-        source, share = _faded(model, view, order, part, to_viewer)
+        return Modes(*_kept_blocks(model, residual, rows, True, precision), source, share)
+    counts = np.diff(start)
+    part = np.repeat((1 / counts).astype(np.float32), counts)
+    return modes_elsewhere(model, residual, *_faded(model, view, order, part, to_viewer), precision)
+
+
+def modes_elsewhere(
+    model: RelightModel, residual: Residual, source: np.ndarray, share: np.ndarray, precision: str
+) -> Modes:
+    """The modes of the captured points, which a view reads by `source` and `share`."""
+    rows = np.arange(len(model.pixels.points), dtype=np.int32)
+    return Modes(*_kept_blocks(model, residual, rows, False, precision), source, share)
+
+
+def _kept_blocks(
+    model: RelightModel, residual: Residual, rows: np.ndarray, captured: bool, precision: str
+) -> tuple[Rows, Rows]:
+    """The lit and the dark modes in blocks, made once: the captured view has one order, all others share another."""
     kept = _blocks.setdefault(residual, {})
-    key = (captured, precision)  # the captured view has one order, all others share another
+    key = (captured, precision)
     if key not in kept:
         lit_loudness, dark_loudness = _loudness(model, residual)
         unseen = UNSEEN / model.exposure
@@ -86,8 +98,7 @@ def pack_modes(
             _in_blocks(residual.lit_modes, rows, precision, lit_loudness / unseen),
             _in_blocks(residual.dark_modes, rows, precision, dark_loudness / unseen),
         )
-    lit, dark = kept[key]
-    return Modes(lit, dark, source, share)
+    return kept[key]
 
 
 def _loudness(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.ndarray]:

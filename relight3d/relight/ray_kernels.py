@@ -138,13 +138,14 @@ def find_borders(neighbour, state, first, last, index):
 
 @compiled
 def ask_borders(lights, position, geometric, step, offset, pattern, index, origins, ways, limits):
-    """Rays from `pattern` places about each border point, one place after the other for each point."""
+    """Rays from `pattern` places about each border point, one place after the other; `step` has those points only."""
     ray = 0
-    for p in index:
+    for i in range(len(index)):
+        p = index[i]
         for k in range(len(pattern)):
-            x = position[0, p] + pattern[k, 0] * step[p, 0, 0] + pattern[k, 1] * step[p, 1, 0]
-            y = position[1, p] + pattern[k, 0] * step[p, 0, 1] + pattern[k, 1] * step[p, 1, 1]
-            z = position[2, p] + pattern[k, 0] * step[p, 0, 2] + pattern[k, 1] * step[p, 1, 2]
+            x = position[0, p] + pattern[k, 0] * step[i, 0, 0] + pattern[k, 1] * step[i, 1, 0]
+            y = position[1, p] + pattern[k, 0] * step[i, 0, 1] + pattern[k, 1] * step[i, 1, 1]
+            z = position[2, p] + pattern[k, 0] * step[i, 0, 2] + pattern[k, 1] * step[i, 1, 2]
             origins[ray, 0] = x + geometric[0, p] * offset
             origins[ray, 1] = y + geometric[1, p] * offset
             origins[ray, 2] = z + geometric[2, p] * offset

@@ -126,7 +126,7 @@ class Shadows:
         index, num = self._index[part.start : part.start + count], count * len(BORDER_PATTERN)
         origins, ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
         limits, blocked = np.empty(num, np.float32), np.empty(num, bool)
-        place = (b.position, b.geometric_normal, b.step, self._offset, BORDER_PATTERN)
+        place = (b.position, b.geometric_normal, b.steps(index), self._offset, BORDER_PATTERN)
         ray_kernels.ask_borders(light, *place, index, origins, ways, limits)
         self._block(light, origins, ways, limits, blocked)
         ray_kernels.settle_borders(index, blocked, len(BORDER_PATTERN), seen)

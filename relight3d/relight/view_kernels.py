@@ -1,215 +1,183 @@
-"""The compiled loops of a new viewpoint: what its points are, and what the captured pixels know about them.
+"""The compiled loops that make points of rays' ends: where they are, what they are of, and what of it frames read.
 
-They compute what shading.py and views.py compute, point by point. Vectors of points are planes (3 x point).
+They compute what shading.py and views.py compute. A chunk of points goes through all steps while it is in the nearest
+cache, and only what frames read is written to memory. Within a chunk points count from 0: arrays are cut to it.
 """
 
 import math
 
 import numpy as np
 
+from relight3d.relight.captured_kernels import (
+    ALBEDO,
+    FADE,
+    GAIN,
+    HELD,
+    MESH_NORMAL,
+    NUM_WORK_ROWS,
+    REST,
+    TILT,
+    fades,
+    project,
+    read_captured,
+)
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
-from relight3d.relight.look_kernels import surface_point
+from relight3d.relight.look_kernels import corners_of, facing_normal, normal_at, place_at
+from relight3d.relight.view_arrays import Scratch
 
-# Columns of a captured point's row, one cache line: place, how far it stands for others (in footprints of its pixel),
-# normal, surface; then albedo, lobe gain, and how far detail turns the normal.
-SEEN_PLACE, SEEN_REACH, SEEN_NORMAL, SEEN_SURFACE, SEEN_ALBEDO, SEEN_GAIN, SEEN_TILT, SEEN_COLUMNS = (
-    0, 3, 4, 7, 8, 11, 12, 16,
-)  # fmt: skip
+CHUNK = 128
+PER_PI = np.float32(1 / math.pi)
 
 
-@compiled
-def place_points(
-    first, last, ray_of_point, part, face, u, v, depth, toward, bounces, tint, mesh, surface_of_face, out_face,
-    barycentric, position, geometric, normal, to_viewer, out_depth, surface, is_mirrored, throughput,
-):  # fmt: skip
-    """Points first..last where rays end (look_kernels.look); each has a `part` of its pixel."""
-    for p in range(first, last):
-        ray = ray_of_point[p]
-        f, b, c = face[ray], u[ray], v[ray]
-        out_face[p], out_depth[p], surface[p], is_mirrored[p] = f, depth[ray], surface_of_face[f], bounces[ray] > 0
-        barycentric[p, 0], barycentric[p, 1], barycentric[p, 2] = ONE - b - c, b, c
-        wx, wy, wz = toward[ray, 0], toward[ray, 1], toward[ray, 2]
-        to_viewer[0, p], to_viewer[1, p], to_viewer[2, p] = -wx, -wy, -wz
-        px, py, pz, gx, gy, gz, nx, ny, nz = surface_point(f, b, c, wx, wy, wz, *mesh)
-        position[0, p], position[1, p], position[2, p] = px, py, pz
-        geometric[0, p], geometric[1, p], geometric[2, p] = gx, gy, gz
-        normal[0, p], normal[1, p], normal[2, p] = nx, ny, nz
-        for axis in range(3):
-            throughput[axis, p] = part[p] * tint[ray, axis]
+def scratch() -> Scratch:
+    """What a thread works in."""
+    return Scratch(
+        work=np.empty((NUM_WORK_ROWS, CHUNK), np.float32),
+        image=np.empty((3, CHUNK)),
+        known=np.empty((CHUNK, 8), np.float32),
+        source=np.empty((CHUNK, 4), np.int32),
+        share=np.empty((CHUNK, 4), np.float32),
+    )
 
 
 @inlined
-def _image_point(lens, frame, center, x, y, z):
-    """Camera.project for one point: image x and y, depth along the axis (<= 0 behind the camera)."""
-    px, py, pz = x - center[0], y - center[1], z - center[2]
-    cx = px * frame[0, 0] + py * frame[1, 0] + pz * frame[2, 0]
-    cy = px * frame[0, 1] + py * frame[1, 1] + pz * frame[2, 1]
-    depth = -(px * frame[0, 2] + py * frame[1, 2] + pz * frame[2, 2])
-    if not depth > 0:
-        return -10.0, -10.0, depth
-    ix, iy = cx / depth, -cy / depth
-    r2 = ix * ix + iy * iy
-    radial = 1.0 + r2 * (lens[4] + r2 * lens[5])
-    dx = ix * radial + 2 * lens[6] * ix * iy + lens[7] * (r2 + 2 * ix * ix)
-    dy = iy * radial + lens[6] * (r2 + 2 * iy * iy) + 2 * lens[7] * ix * iy
-    return dx * lens[0] + lens[2], dy * lens[1] + lens[3], depth
+def _place(a, b, listed, rays, mesh, packed, is_read, work):
+    """Where the rays of points a..b end, and what they are seen from; marks the vertices about them in `is_read`."""
+    position, geometric, to_viewer, corner = packed.position, packed.geometric, packed.to_viewer, packed.corner
+    with_corners = len(corner) > 0
+    for p in range(a, b):
+        ray = np.uintp(listed.ray[p])
+        f, u, v = np.uintp(rays.face[ray]), rays.u[ray], rays.v[ray]
+        wx, wy, wz = rays.toward[0, ray], rays.toward[1, ray], rays.toward[2, ray]
+        packed.surface[p] = rays.label[ray] >> 1
+        work[HELD, p - a] = ZERO if rays.label[ray] & 1 else listed.rank_part[p]
+        to_viewer[0, p], to_viewer[1, p], to_viewer[2, p] = -wx, -wy, -wz
+        gx, gy, gz = facing_normal(f, wx, wy, wz, mesh)
+        geometric[0, p], geometric[1, p], geometric[2, p] = gx, gy, gz
+        position[0, p], position[1, p], position[2, p] = place_at(f, u, v, mesh)
+        nx, ny, nz = normal_at(f, u, v, gx, gy, gz, mesh)
+        work[MESH_NORMAL, p - a], work[MESH_NORMAL + 1, p - a], work[MESH_NORMAL + 2, p - a] = nx, ny, nz
+        if with_corners:
+            packed.corner_share[p, 0], packed.corner_share[p, 1], packed.corner_share[p, 2] = ONE - u - v, u, v
+            i, j, k = corners_of(f, mesh)
+            corner[p, 0], corner[p, 1], corner[p, 2] = i, j, k
+            is_read[i], is_read[j], is_read[k] = 1, 1, 1
+
+
+@inlined
+def _fill_in(a, b, captured, packed, scratch):
+    """Albedo and lobe gain, in the workspace, and the normal: where no captured pixel knows, the surface's mean."""
+    mean, surface, work, known = captured.surface_albedo, packed.surface[a:b], scratch.work, scratch.known
+    for i in range(b - a):
+        for c in range(7):
+            work[ALBEDO + c, i] = known[i, c]
+    rest, gain = work[REST, : b - a], work[GAIN, : b - a]
+    for i in range(b - a):
+        gain[i] += rest[i]
+    for i in range(b - a):
+        if rest[i] > 0:
+            for c in range(3):
+                work[ALBEDO + c, i] += rest[i] * mean[surface[i], c]
+    mx, my, mz = work[MESH_NORMAL, : b - a], work[MESH_NORMAL + 1, : b - a], work[MESH_NORMAL + 2, : b - a]
+    tx, ty, tz = work[TILT, : b - a], work[TILT + 1, : b - a], work[TILT + 2, : b - a]
+    for i in range(b - a):
+        tx[i], ty[i], tz[i] = mx[i] + tx[i], my[i] + ty[i], mz[i] + tz[i]
+    nx, ny, nz = packed.normal[0, a:b], packed.normal[1, a:b], packed.normal[2, a:b]
+    for i in range(b - a):
+        length = np.float32(math.sqrt(tx[i] * tx[i] + ty[i] * ty[i] + tz[i] * tz[i]))
+        inverse = ONE / max(length, np.float32(1e-6))
+        nx[i], ny[i], nz[i] = tx[i] * inverse, ty[i] * inverse, tz[i] * inverse
+
+
+@inlined
+def _reflect_through(a, b, listed, rays, packed, work):
+    """What each point's light leaves in its pixel: its part of it, and what mirrors on the way take."""
+    part, gain = listed.part[a:b], work[GAIN, : b - a]
+    for c in range(3):
+        albedo, diffuse, gloss = work[ALBEDO + c, : b - a], packed.diffuse[c, a:b], packed.gloss[c, a:b]
+        for i in range(b - a):
+            diffuse[i], gloss[i] = albedo[i] * part[i] * PER_PI, gain[i] * part[i]
+    for p in range(a, b):
+        ray = listed.ray[p]
+        if rays.label[ray] & 1:
+            for c in range(3):
+                packed.diffuse[c, p] *= rays.tint[ray, c]
+                packed.gloss[c, p] *= rays.tint[ray, c]
 
 
 @compiled
-def look_up(
-    first, last, lens, frame, center, width, height, row_of_pixel, seen, position, normal, surface, source, share
-):
-    """views.look_up for points first..last; `seen` are the captured points, a row each (SEEN_PLACE and on)."""
-    for p in range(first, last):
-        x, y, depth = _image_point(lens, frame, center, position[0, p], position[1, p], position[2, p])
-        x, y = min(max(x, -10.0), width + height + 10.0) - 0.5, min(max(y, -10.0), width + height + 10.0) - 0.5
-        left, top = int(np.floor(x)), int(np.floor(y))
-        right_part, lower_part = np.float32(x - left), np.float32(y - top)
-        footprint, total = np.float32(max(depth, 0.0) / min(lens[0], lens[1])), ZERO
-        for k in range(4):
-            column, row = left + (k & 1), top + (k >> 1)
-            source[p, k], share[p, k] = -1, ZERO
-            if column < 0 or column >= width or row < 0 or row >= height or not depth > 0:
-                continue
-            found = row_of_pixel[row * width + column]
-            if found < 0 or seen[found, SEEN_SURFACE] != surface[p]:
-                continue
-            dx = seen[found, SEEN_PLACE] - position[0, p]
-            dy = seen[found, SEEN_PLACE + 1] - position[1, p]
-            dz = seen[found, SEEN_PLACE + 2] - position[2, p]
-            reach = footprint * seen[found, SEEN_REACH]
-            alike = seen[found, SEEN_NORMAL] * normal[0, p] + seen[found, SEEN_NORMAL + 1] * normal[1, p]
-            alike += seen[found, SEEN_NORMAL + 2] * normal[2, p]
-            if dx * dx + dy * dy + dz * dz < reach * reach and alike > np.float32(0.7):
-                weight = right_part if k & 1 else ONE - right_part
-                weight *= lower_part if k >> 1 else ONE - lower_part
-                source[p, k], share[p, k] = found, weight
-                total += weight
-        inverse = ONE / max(total, np.float32(0.25))
-        for k in range(4):
-            share[p, k] *= inverse
+def fill_points(first, last, listed, rays, mesh, captured, packed, is_read, scratch):
+    """Writes what frames read of the points first..last (view_arrays.Packed, but for neighbours).
+
+    `is_read` marks the vertices about some point, where indirect light is wanted.
+    """
+    with_sources = len(packed.source) > 0
+    source, share = (packed.source, packed.source_share) if with_sources else (scratch.source, scratch.share)
+    for a in range(first, last, CHUNK):
+        b = min(a + CHUNK, last)
+        _place(a, b, listed, rays, mesh, packed, is_read, scratch.work)
+        project(a, b, captured, packed.position, scratch.image)
+        fades(a, b, captured, packed, scratch.work[FADE])
+        read_captured(a, b, captured, packed, scratch, source, share, a if with_sources else 0)
+        _fill_in(a, b, captured, packed, scratch)
+        _reflect_through(a, b, listed, rays, packed, scratch.work)
 
 
 @compiled
-def read_properties(first, last, source, share, surface, mean, seen, point_normal, albedo, normal, gain):
-    """Albedo, normal and lobe gain of points first..last: the captured pixels' as far as they know, else the mean's."""
-    for p in range(first, last):
-        known = share[p, 0] + share[p, 1] + share[p, 2] + share[p, 3]
-        rest = ONE - min(max(known, ZERO), ONE)
-        strength = rest
-        red, green, blue = rest * mean[surface[p], 0], rest * mean[surface[p], 1], rest * mean[surface[p], 2]
-        nx, ny, nz = point_normal[0, p], point_normal[1, p], point_normal[2, p]
-        for k in range(4):
-            if share[p, k] > 0:
-                row, weight = source[p, k], share[p, k]
-                red += weight * seen[row, SEEN_ALBEDO]
-                green += weight * seen[row, SEEN_ALBEDO + 1]
-                blue += weight * seen[row, SEEN_ALBEDO + 2]
-                strength += weight * seen[row, SEEN_GAIN]
-                nx += weight * seen[row, SEEN_TILT]
-                ny += weight * seen[row, SEEN_TILT + 1]
-                nz += weight * seen[row, SEEN_TILT + 2]
-        inverse = ONE / max(np.float32(math.sqrt(nx * nx + ny * ny + nz * nz)), np.float32(1e-6))
-        albedo[0, p], albedo[1, p], albedo[2, p], gain[p] = red, green, blue, strength
-        normal[0, p], normal[1, p], normal[2, p] = nx * inverse, ny * inverse, nz * inverse
+def tell_points(first, last, listed, rays, mesh, captured, packed, is_read, told, scratch):
+    """Writes what frames do not read of the points first..last, and a View has (view_arrays.Told)."""
+    for a in range(first, last, CHUNK):
+        b = min(a + CHUNK, last)
+        ray = listed.ray[a:b]
+        _place(a, b, listed, rays, mesh, packed, is_read, scratch.work)
+        project(a, b, captured, packed.position, scratch.image)
+        scratch.work[FADE, :], scratch.work[HELD, :] = ONE, ONE
+        read_captured(a, b, captured, packed, scratch, told.source, told.share, a)
+        _fill_in(a, b, captured, packed, scratch)
+        for i in range(b - a):
+            for k in range(4):
+                if told.share[a + i, k] == 0:
+                    told.source[a + i, k] = -1
+            p, r = a + i, ray[i]
+            told.face[p], told.depth[p], told.is_mirrored[p] = rays.face[r], rays.depth[r], rays.label[r] & 1 > 0
+            told.barycentric[p, 0], told.barycentric[p, 1] = ONE - rays.u[r] - rays.v[r], rays.u[r]
+            told.barycentric[p, 2], told.lobe_gain[p] = rays.v[r], scratch.work[GAIN, i]
+            for c in range(3):
+                told.normal[p, c] = scratch.work[MESH_NORMAL + c, i]
+                told.albedo[p, c] = scratch.work[ALBEDO + c, i]
+                told.throughput[p, c] = listed.part[p] * (rays.tint[r, c] if rays.label[r] & 1 else ONE)
 
 
 @compiled
-def steps(first, last, ways, ray_of_point, bounces, turned, geometric, to_viewer, depth, step):
-    """views._steps for points first..last; `ways` are the camera's, which mirrors have `turned`."""
-    for p in range(first, last):
-        ray, facing = ray_of_point[p], ZERO
+def steps(index, ways, ray_of_point, rays, geometric, to_viewer, step):
+    """views._steps for the points of `index`; `ways` are the camera's, which mirrors have turned."""
+    for i in range(len(index)):
+        p, ray, facing = index[i], ray_of_point[index[i]], ZERO
         for axis in range(3):
             facing -= geometric[axis, p] * to_viewer[axis, p]
         facing = min(facing, np.float32(-0.08))
         for k in range(2):
             slide = ZERO
             for axis in range(3):
-                way = turned[ray, k, axis] if bounces[ray] > 0 else ways[k, axis]
-                step[p, k, axis] = way * depth[p]
-                slide += geometric[axis, p] * step[p, k, axis]
+                way = rays.turned[ray, k, axis] if rays.label[ray] & 1 else ways[k, axis]
+                step[i, k, axis] = way * rays.depth[ray]
+                slide += geometric[axis, p] * step[i, k, axis]
             for axis in range(3):
-                step[p, k, axis] += slide / facing * to_viewer[axis, p]
+                step[i, k, axis] += slide / facing * to_viewer[axis, p]
 
 
 @compiled
-def mark_whole(first, last, pixel, is_cut, point_of_pixel):
-    """point_of_pixel[pixel] = the point of each pixel that is not cut, for points first..last."""
-    for p in range(first, last):
-        if not is_cut[pixel[p]]:
-            point_of_pixel[pixel[p]] = p
-
-
-@compiled
-def neighbours(first, last, width, height, pixel, point_of_pixel, surface, is_mirrored, neighbour):
-    """views._neighbours for points first..last; `point_of_pixel` is -1 for pixels cut into several points."""
-    for p in range(first, last):
-        column, row = pixel[p] % width, pixel[p] // width
-        for k in range(4):
-            x, y = column + (k == 0) - (k == 1), row + (k == 2) - (k == 3)
-            neighbour[p, k] = -1
-            if 0 <= x < width and 0 <= y < height and point_of_pixel[pixel[p]] >= 0:
-                other = point_of_pixel[y * width + x]
-                if other >= 0 and surface[other] == surface[p] and is_mirrored[other] == is_mirrored[p]:
-                    neighbour[p, k] = other
-
-
-@compiled
-def fade_shares(
-    first, last, order, source, share, seen_viewer, to_viewer, is_mirrored, rank_share, out_source, out_share
-):
-    """forward.residual_source away from the captured view, for the points order[first..last]: faded where the spot is
-    seen from another side than it was photographed (between 8 and 30 degrees), and by `rank_share`, the point's of its
-    pixel's points.
-    """
-    near, far = np.float32(math.cos(math.radians(8))), np.float32(math.cos(math.radians(30)))
-    for q in range(first, last):
-        p = order[q]
-        for k in range(4):
-            there = max(source[p, k], 0)
-            out_source[q, k], out_share[q, k] = there, 0
-            if share[p, k] > 0 and not is_mirrored[p]:
-                alike = ZERO
-                for axis in range(3):
-                    alike += seen_viewer[there, axis] * to_viewer[axis, q]
-                fade = min(max((alike - far) / (near - far), ZERO), ONE)
-                out_share[q, k] = share[p, k] * fade * rank_share[q]
-
-
-@compiled
-def pack_reflectance(first, last, order, albedo, throughput, gain, diffuse, gloss):
-    """albedo / pi * throughput and lobe gain * throughput of the points order[first..last]; all planes."""
-    per_pi = np.float32(1 / math.pi)
-    for axis in range(3):
-        for q in range(first, last):
-            p = order[q]
-            diffuse[axis, q] = albedo[axis, p] * throughput[axis, p] * per_pi
-            gloss[axis, q] = gain[p] * throughput[axis, p]
-
-
-@compiled
-def number_used(source, new_row, rows):
-    """Numbers the rows that `source` reads, in their order: writes them to `rows`, and to `source` their new numbers.
-
-    `new_row`: as many zeros as there are rows. Returns how many are read.
-    """
-    for p in range(source.shape[0]):
-        for k in range(source.shape[1]):
-            new_row[source[p, k]] = 1
+def number_read(is_read, row_of_vertex, vertex):
+    """Numbers the vertices that are read, in their order; lists them in `vertex`. Returns how many there are."""
     count = 0
-    for row in range(len(new_row)):
-        if new_row[row] > 0:
-            rows[count], new_row[row] = row, count
-            count += 1
-    for p in range(source.shape[0]):
-        for k in range(source.shape[1]):
-            source[p, k] = new_row[source[p, k]]
+    for v in range(len(is_read)):
+        row_of_vertex[v], vertex[count] = count, v
+        count += is_read[v]
     return count
 
 
 @compiled
-def read_faces(first, last, order, face, faces, source):
-    """The corners of the faces of points order[first..last]."""
-    for q in range(first, last):
-        for k in range(3):
-            source[q, k] = faces[face[order[q]], k]
+def renumber(row_of_vertex, corner):
+    """Vertices in place become their numbers."""
+    for i in range(len(corner)):
+        corner[i] = row_of_vertex[corner[i]]
