@@ -28,7 +28,6 @@ class _Tile(NamedTuple):
     """Seats that one thread sees to, and what it found there."""
 
     seats: slice
-    rows: slice
     cut: Int32[np.ndarray, " cut"]  # seats looked at again; their rays stand from `begin` on
     begin: int
     counts: tuple[int, int, int]  # points, pixels with points, rays lost to the surroundings
@@ -51,11 +50,14 @@ class _Looker:
         self._size = (camera.width, camera.height)
         self._num_seats = blocks_wide * -(-camera.height // BLOCK) * WIDTH
         self._tiles = tiles(self._num_seats, blocks_wide * WIDTH)
-        self._seats_of_row = blocks_wide * BLOCK  # on average
         axes = camera.world_from_camera[:3, :3]
         self._right, self._down = np.ascontiguousarray(axes[:, 0]) / camera.fx, -axes[:, 1] / camera.fy
         self._corner = -axes[:, 2] - camera.cx * self._right - camera.cy * self._down
         self._ways = np.stack([self._right, self._down]).astype(np.float32)
+        self._reflectance = np.zeros((model.surfaces.num_surfaces, 3), np.float32)
+        for mirror in model.mirrors:
+            self._reflectance[mirror.surface] = mirror.reflectance
+        self._is_mirror = self._reflectance.any(axis=1).astype(np.int32)
         self._has_lens = any((camera.k1, camera.k2, camera.p1, camera.p2))
         # Room for every pixel on an outline; what is not used is never touched.
         num = self._num_seats * (1 + (options.edge_samples if options.edge_samples > 1 else 0))
@@ -78,7 +80,11 @@ class _Looker:
 
     def view(self) -> LazyView:
         reflected = over_threads(self._look, self._tiles)
-        looked = over_threads(self._look_again, self._tiles)
+        cuts = over_threads(self._outline, self._tiles)
+        # One after the other: of the room for every pixel, only what is used becomes memory.
+        begins = self._num_seats + self.options.edge_samples * np.cumsum([0, *(len(cut) for cut in cuts)])
+        again = zip(self._tiles, cuts, begins.tolist())
+        looked = over_threads(lambda given: self._look_again(*given), again)
         listed, firsts = self._room_for_list(looked)
         over_threads(lambda k: self._list(looked[k], firsts[k], listed), range(len(looked)))
         packed = self._pack(looked, firsts, listed)
@@ -118,26 +124,24 @@ class _Looker:
         eye = (self.camera.center - self.model.mesh.center).astype(np.float32)
         return look_kernels.look(
             first, last, packets.intersect, packets.scene, packets.arguments, self.scene.offset_distance, eye,
-            self._ways, self.options.max_bounces, self._reflectance, self._mesh, self._rays,
+            self._ways, self.options.max_bounces, self._is_mirror, self._reflectance, self._mesh, self._rays,
         )  # fmt: skip
 
-    @property
-    def _reflectance(self) -> Float32[np.ndarray, "surface 3"]:
-        reflectance = np.zeros((self.model.surfaces.num_surfaces, 3), np.float32)
-        for mirror in self.model.mirrors:
-            reflectance[mirror.surface] = mirror.reflectance
-        return reflectance
+    def _outline(self, seats: slice) -> Int32[np.ndarray, " cut"]:
+        """The seats of pixels on outlines."""
+        if self.options.edge_samples == 1:
+            return np.empty(0, np.int32)
+        picture, cut = self._picture, np.empty(seats.stop - seats.start, np.int32)
+        seats_of_row = -(-self.camera.width // BLOCK) * BLOCK
+        rows = (seats.start // seats_of_row, min(seats.stop // seats_of_row, self.camera.height))
+        outline_kernels.find_edges(*rows, *self._size, picture, np.empty(self.camera.width, bool))
+        given = (seats.start, seats.stop, *self._size, picture.is_edge, self._rays.face)
+        return cut[: outline_kernels.cut_seats(*given, cut)]
 
-    def _look_again(self, seats: slice) -> _Tile:
+    def _look_again(self, seats: slice, cut: Int32[np.ndarray, " cut"], begin: int) -> _Tile:
         """Looks through several places of the pixels on outlines."""
-        ends, samples = (seats.start, seats.stop), self.options.edge_samples
-        rows = slice(seats.start // self._seats_of_row, min(seats.stop // self._seats_of_row, self.camera.height))
-        begin, cut, num = self._num_seats + samples * seats.start, np.empty(0, np.int32), 0
-        if samples > 1:
-            picture, face = self._picture, self._rays.face
-            outline_kernels.find_edges(rows.start, rows.stop, *self._size, picture, np.empty(self.camera.width, bool))
-            cut = np.empty(seats.stop - seats.start, np.int32)
-            cut = cut[: outline_kernels.cut_seats(*ends, *self._size, picture.is_edge, face, cut)]
+        samples, num = self.options.edge_samples, 0
+        if len(cut):
             side = round(samples**0.5)
             y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
             x, y = x + NUDGE_PX[0], y + NUDGE_PX[1]
@@ -147,8 +151,8 @@ class _Looker:
             look_kernels.cut_rays(cut, self.camera.width, *rays)
             num = len(cut) * samples
             num += self._trace(begin, begin + num)
-        counts = outline_kernels.count_points(*ends, self._rays.face, cut, samples, begin)
-        return _Tile(seats, rows, cut, begin, counts, num)
+        counts = outline_kernels.count_points(seats.start, seats.stop, self._rays.face, cut, samples, begin)
+        return _Tile(seats, cut, begin, counts, num)
 
     # ------------------------------------------------------------------------------------- points
 

@@ -161,26 +161,30 @@ def _first_leg(start, count, eye, rays, active, packet):
 
 
 @inlined
-def _settle(start, count, active, words, packet, surface_of_face, rays):
-    """Writes down where a packet's first legs end."""
+def _settle(start, count, active, words, packet, is_mirror, surface_of_face, rays):
+    """Writes down where a packet's first legs end. Returns in how many mirrors; the lanes of no others stay switched on."""
     face, label, found = rays.face[start : start + count], rays.label[start : start + count], words[HIT_PRIMITIVE]
-    for lane in range(count):
-        face[lane] = found[lane] if active[lane] else NOTHING
-        label[lane] = NOTHING
     u, v, depth = rays.u[start : start + count], rays.v[start : start + count], rays.depth[start : start + count]
     for lane in range(count):
-        u[lane], v[lane], depth[lane] = packet[HIT_U, lane], packet[HIT_V, lane], packet[FAR, lane]
+        face[lane] = found[lane] if active[lane] else NOTHING
     for lane in range(count):
+        u[lane], v[lane], depth[lane] = packet[HIT_U, lane], packet[HIT_V, lane], packet[FAR, lane]
+    num_mirrors = 0
+    for lane in range(count):
+        label[lane], active[lane] = NOTHING, 0
         if face[lane] >= 0:
-            label[lane] = 2 * surface_of_face[face[lane]]
+            surface = surface_of_face[np.uintp(face[lane])]
+            label[lane], active[lane] = 2 * surface, -is_mirror[np.uintp(surface)]
+            num_mirrors += is_mirror[np.uintp(surface)]
+    return num_mirrors
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, reflectance, mesh, rays):
+def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, is_mirror, reflectance, mesh, rays):
     """Traces those of the rays first..last that are asked for, from `eye`, and on from mirrors.
 
-    Mirrors are surfaces whose `reflectance` (surface x 3) is not 0; `ways` are the camera's steps to the right and down
-    for one pixel at depth 1. Returns how many rays were reflected.
+    `is_mirror` and `reflectance` (x 3) go by surface; `ways` are the camera's steps to the right and down for one pixel at
+    depth 1. Returns how many rays were reflected.
     """
     words, packet, active = empty_packet(NUM_HIT_ROWS)
     words[NUM_RAY_ROWS:] = -1
@@ -193,7 +197,9 @@ def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, r
             words[HIT_PRIMITIVE, :], words[HIT_GEOMETRY, :] = -1, -1
             call_query(query, active.ctypes.data, scene, words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]
             if bounce == 0:
-                _settle(start, count, active, words, packet, mesh.surface_of_face, rays)
+                mirrors = (is_mirror, mesh.surface_of_face)
+                if _settle(start, count, active, words, packet, *mirrors, rays) == 0:
+                    break
             waiting = 0
             for lane in range(count):
                 if active[lane] == 0:
@@ -207,10 +213,8 @@ def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, r
                     rays.face[ray], rays.u[ray], rays.v[ray] = hit, packet[HIT_U, lane], packet[HIT_V, lane]
                     rays.depth[ray] += packet[FAR, lane]
                     rays.label[ray] = 2 * mesh.surface_of_face[hit] + 1
-                elif hit < 0:
-                    continue
-                surface = rays.label[ray] // 2
-                if reflectance[surface, 0] + reflectance[surface, 1] + reflectance[surface, 2] == 0:
+                surface = rays.label[ray] >> 1
+                if is_mirror[surface] == 0:
                     continue
                 if bounce == max_bounces:
                     rays.face[ray], rays.label[ray] = AMONG_MIRRORS, NOTHING
