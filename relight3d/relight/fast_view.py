@@ -8,7 +8,7 @@ that frames read, so that nothing is sorted or packed afterwards.
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Int32
 
 from relight3d import views
 from relight3d.camera import Camera
@@ -68,8 +68,8 @@ class _Looker:
             v=np.empty(num, np.float32),
             depth=np.empty(num, np.float32),
             toward=np.empty((3, num), np.float32),
-            tint=np.empty((num, 3), np.float32),
-            turned=np.empty((num, 2, 3), np.float32),
+            tint=np.empty((num if model.mirrors else 0, 3), np.float32),
+            turned=np.empty((num if model.mirrors else 0, 2, 3), np.float32),
         )
         num = camera.num_pixels
         drawn = num if options.edge_samples > 1 else 0
