@@ -78,6 +78,7 @@ _LONG = ("backend", "bounces")  # factors that a quick study leaves out
 _RENDER: list[tuple[str, str, dict[str, Any]]] = [
     ("shadows", "lattice of 2 px", {"shadows": "adaptive"}),
     ("shadows", "lattice of 4 px", {"shadows": "adaptive", "lattice_px": 4}),
+    ("shadows", "lattice of 4 px, shared rays", {"shadows": "adaptive", "lattice_px": 4, "shared_rays": True}),
     ("shadows", "precomputed, 256 directions", {"shadows": "table", "table_directions": 256}),
     ("shadows", "none", {"shadows": "off"}),
     ("shadow borders", "hard", {"borders": False}),
@@ -86,7 +87,9 @@ _RENDER: list[tuple[str, str, dict[str, Any]]] = [
     ("residual", "none", {"residual": False}),
     ("residual", "3 modes", {"max_modes": 3}),
     ("residual", "8 modes", {"max_modes": 8}),
+    ("residual", "8 bits", {"precision": "int8"}),
     ("residual", "float32", {"precision": "float32"}),
+    ("shading", "adaptive", {"shading": "adaptive"}),
     ("lobes", "none", {"max_lobes": 0}),
     ("lobes", "1 a surface", {"max_lobes": 1}),
     ("detail", "none", {"detail": False}),

@@ -1,7 +1,8 @@
 """The compiled engine: a frame is shadow rays, one small indirect product, and one fused shading pass."""
 
 import time
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
@@ -11,12 +12,13 @@ from relight3d.lights import DirectionalLight, Light
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import RelightModel
 from relight3d.relight import kernels, pixel_kernels
+from relight3d.relight.anchors import Anchors, find_anchors
 from relight3d.relight.buffers import Sites, pack_view
 from relight3d.relight.indirect_kernels import site_irradiance
 from relight3d.relight.light_rows import light_row
+from relight3d.relight.lobe_kernels import NUM_ROWS
 from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shade_kernels import NUM_ROWS
 from relight3d.relight.shadows import Shadows
 from relight3d.relight.tiles import tiles
 from relight3d.shading import mirrored_light, residual_kernel
@@ -44,12 +46,20 @@ class Engine:
     def __init__(self, scene: RayScene, model: RelightModel, view: View, options: RelightOptions) -> None:
         self.model, self.view, self.options = model, view, options
         self.buffers = pack_view(model, view, options.precision)
-        self.shadows = Shadows(scene, model, view, self.buffers, options)
+        self.anchors = None
+        if options.shadows == "adaptive":
+            self.anchors = self._anchors(options.lattice_px)
+        self.shadows = Shadows(scene, model, self.buffers, options, self.anchors)
+        self.sites = self.buffers.sites
         # Whole blocks of the residual in every tile.
         self._tiles = tiles(len(self.buffers.pixel_of_rank), pixel_kernels.CHUNK)
         starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])
         self._chunk_points = int(np.diff(starts).max(initial=0))
         self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
+
+    def _anchors(self, spacing: int) -> Anchors:
+        shared_rays = self.options.shared_rays
+        return find_anchors(self.view, self.buffers, spacing, pixel_kernels.CHUNK, shared_rays)
 
     def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
         """Radiance under lights in centred coordinates, each with some power and none of them extended.
@@ -67,14 +77,14 @@ class Engine:
             seen += [self.shadows.thrown(light, row, k) for light, row in zip(lights, virtual)]
             rows += virtual
             clock.lap("thrown")
-        irradiance = EMPTY if self.buffers.sites is None else self._irradiance(self.buffers.sites, lights)
+        irradiance = EMPTY if self.sites is None else self._irradiance(self.sites, lights)
         clock.lap("indirect")
         weights = self._residual_weights(lights)
         images = self._residual_images(weights)
         clock.lap("residual")
         out = self._behind_mirrors(lights)
         all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(len(seen), len(self.buffers))
-        self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, irradiance, weights, images, out)
+        self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, weights, irradiance, images, out)
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
@@ -84,20 +94,30 @@ class Engine:
         row[kernels.COLOR : kernels.COLOR + 3] *= mirror.reflectance.astype(np.float32)
         return row
 
-    def _shade(self, rows, seen, irradiance, weights, images, out) -> None:
-        b, modes, sites = self.buffers, self.buffers.modes, self.buffers.sites
-        lit, dark = self._weighted(weights) if len(images) == 0 else (NO_MODES, NO_MODES)
-        source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
+    def _shade(self, rows, seen, weights, irradiance, images, out) -> None:
+        b, sites = self.buffers, self.sites
+        (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
         points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
 
         def shade(part: slice) -> None:
             pixel_kernels.shade(
-                part.start, part.stop, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance, source,
-                share, images, lit, dark, np.empty((NUM_ROWS, self._chunk_points), np.float32), scratch(), out,
+                part.start, part.stop, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance,
+                source, share, images, lit, dark, np.empty((NUM_ROWS, self._chunk_points), np.float32),
+                scratch(), flat,
             )  # fmt: skip
 
+        self._over_tiles(shade)
+
+    def _over_tiles(self, shade: Callable[[slice], None]) -> None:
         over_threads(shade, self._tiles)
+
+    def _given(self, weights: tuple[np.ndarray, np.ndarray], images: np.ndarray) -> tuple[Any, Any, Any, Any]:
+        """The residual as the kernels read it: source and share, lit and dark modes."""
+        modes = self.buffers.modes
+        source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
+        lit, dark = self._weighted(weights) if len(images) == 0 else (NO_MODES, NO_MODES)
+        return source, share, lit, dark
 
     def _weighted(self, weights: tuple[np.ndarray, np.ndarray]) -> tuple[tuple, tuple]:
         """The lit and the dark modes as the kernels read them: rows, and weights by light."""

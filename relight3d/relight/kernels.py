@@ -12,6 +12,9 @@ import math
 
 import numba
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
 FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters are exact
 # Helpers are inlined whatever their size and nothing is reference-counted (kernels own no array): handing a dozen
@@ -20,6 +23,9 @@ FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters
 SETTINGS = {"nogil": True, "cache": True, "_nrt": False, "error_model": "numpy"}
 compiled = numba.njit(**SETTINGS)  # pyright: ignore[reportCallIssue]
 inlined = numba.njit(**SETTINGS, forceinline=True)  # pyright: ignore[reportCallIssue]
+# Shading may multiply and add in one step, which rounds once instead of twice; what compares keeps the reference's steps.
+fused = numba.njit(**SETTINGS, fastmath={"contract"})  # pyright: ignore[reportCallIssue]
+fused_inlined = numba.njit(**SETTINGS, fastmath={"contract"}, forceinline=True)  # pyright: ignore[reportCallIssue]
 # Columns of a light's row: place or direction, colour, the cone's axis, cosine, scale and power.
 KIND, PLACE, COLOR, AXIS, CONE_COSINE, CONE_SCALE, CONE_POWER, HAS_RESIDUAL = 0, 1, 4, 7, 10, 11, 12, 13
 ROW = 14
@@ -48,3 +54,23 @@ def incident(lights, light, x, y, z):
         ramp = min(max((cosine - lights[light, CONE_COSINE]) * lights[light, CONE_SCALE], ZERO), ONE)
         falloff *= ramp * ramp if lights[light, CONE_POWER] > 1 else ramp
     return dx, dy, dz, falloff, distance
+
+
+@intrinsic
+def bits_of(_typing, value):
+    """The bits of a float32, within a loop that stays in vector registers (a view of an array does not)."""
+
+    def generate(_context, builder, _signature, given):
+        return builder.bitcast(given[0], ir.IntType(32))
+
+    return types.int32(types.float32), generate
+
+
+@intrinsic
+def float_of(_typing, bits):
+    """The float32 of some bits."""
+
+    def generate(_context, builder, _signature, given):
+        return builder.bitcast(given[0], ir.FloatType())
+
+    return types.float32(types.int32), generate

@@ -16,6 +16,7 @@ from relight3d.views import View
 
 LANES = 64  # pixels side by side in a block
 UNSEEN = 1e-6  # of white: what a mode may be off by
+FAINT = 3e-3  # of white: what a mode makes of a block in int8 is left out below it
 
 # A residual's blocks serve every viewpoint; they go when the residual does.
 _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyDictionary()
@@ -138,6 +139,8 @@ def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Fl
         blocks = padded.reshape(count, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(count, num_modes, 3 * LANES)
         if precision == "int16":
             parts.append(_quantised(blocks, loudness))
+        elif precision == "int8":
+            parts.append(_rounded(blocks, loudness))
         else:
             steps, kept = np.ones((count, num_modes), np.float32), np.ones((count, num_modes), bool)
             parts.append((blocks[kept], steps[kept], np.nonzero(kept)[1], kept.sum(axis=1)))
@@ -158,3 +161,12 @@ def _quantised(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np
     both, steps = np.concatenate([coarse, fine], axis=1).astype(np.int16), np.concatenate([step, finer], axis=1)
     kept = np.concatenate([peak * loudness > 1, step / 2 * loudness > 1], axis=1)
     return both[kept], steps[kept], np.nonzero(kept)[1] % max(num_modes, 1), kept.sum(axis=1)
+
+
+def _rounded(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The same in int8, in steps of 1/127 of a mode's peak in the block; faint modes have no row."""
+    peak = np.abs(blocks).max(axis=2)
+    step = np.maximum(peak, np.float32(1e-30)) / np.float32(127)
+    entries = np.rint(blocks / step[..., None]).astype(np.int8)
+    kept = peak * loudness * UNSEEN > FAINT
+    return entries[kept], step[kept], np.nonzero(kept)[1], kept.sum(axis=1)

@@ -1,13 +1,14 @@
 """What a frame spends its time on: every approximation a named option, and the presets that combine them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from relight3d.errors import InputError
 
 Shadows = Literal["exact", "adaptive", "table", "off"]
 Backend = Literal["auto", "numpy", "numba"]
-Precision = Literal["float32", "int16"]
+Shading = Literal["exact", "adaptive"]
+Precision = Literal["float32", "int16", "int8"]
 Preset = Literal["fast", "balanced", "exact"]
 
 
@@ -22,7 +23,9 @@ class RelightOptions:
     shadows: Shadows = "exact"  # adaptive: a lattice, refined where it disagrees; table: precomputed; off: none
     borders: bool = True  # antialiased shadow borders: 4 more rays for each pixel on one
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
+    shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
     table_directions: int = 256  # of precomputed shadows: directions over the sphere, a square number
+    shading: Shading = "exact"  # adaptive: indirect light at every fourth pixel, highlights where they can be seen
     light_samples: int = 16  # shadow samples of a sphere or rectangle light; other lights cost nothing by it
     edge_samples: int = 4  # points that a pixel on an outline is cut into (a square number; 1: none)
     max_bounces: int = 2  # mirrors followed one after the other; 0 shows mirrors black
@@ -33,16 +36,18 @@ class RelightOptions:
     residual: bool = True  # the interpolated misfit of the captured pixels
     max_modes: int = 64  # of the residual, the strongest first
     backend: Backend = "auto"  # numba where it is installed, else the NumPy reference
-    precision: Precision = "int16"  # of the residual's modes; finer where a step of it could be seen; or float32
+    precision: Precision = "int16"  # of the residual's modes, finer where a step could be seen; float32; int8 rounds
     keep_lights: int = 8  # lights whose shadows are kept for frames that only change colours; a frame's own always are
 
     def __post_init__(self) -> None:
         _one_of("shadows", self.shadows, ("exact", "adaptive", "table", "off"))
         _one_of("backend", self.backend, ("auto", "numpy", "numba"))
-        _one_of("precision", self.precision, ("float32", "int16"))
+        _one_of("shading", self.shading, ("exact", "adaptive"))
+        _one_of("precision", self.precision, ("float32", "int16", "int8"))
         _one_of("lattice_px", self.lattice_px, (2, 4))
         _one_of("edge_samples", self.edge_samples, (1, 4, 9, 16))
         _one_of("table_directions", self.table_directions, (64, 144, 256, 576, 1024, 2304, 4096))
+        _one_of("shared_rays", self.shared_rays, (False, True))
         _between("light_samples", self.light_samples, 1, 1024)
         _between("max_bounces", self.max_bounces, 0, 8)
         _between("max_lobes", self.max_lobes, 0, 8)
@@ -60,9 +65,10 @@ def _between(field: str, value: int, low: int, high: int) -> None:
         raise InputError(field, value, f"a whole number from {low} to {high}")
 
 
+BALANCED = RelightOptions(shadows="adaptive", lattice_px=4, shading="adaptive", precision="int8")
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(shadows="adaptive", lattice_px=4, edge_samples=1, max_modes=8),
-    "balanced": RelightOptions(shadows="adaptive"),
+    "fast": replace(BALANCED, shared_rays=True, max_modes=8),
+    "balanced": BALANCED,
     "exact": RelightOptions(),
 }
 

@@ -2,22 +2,32 @@
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, compiled, inlined
-from relight3d.relight.shade_kernels import LANES, TOTAL, shade_points
+from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, fused, fused_inlined
+from relight3d.relight.lobe_kernels import TOTAL
+from relight3d.relight.shade_kernels import LANES, PER_FULL, shade_points
 
-CHUNK = 2 * LANES  # pixels shaded at once: long enough loops for wide registers, and all of it stays in the cache
+CHUNK = 16 * LANES  # pixels shaded at once: long runs from each of a dozen arrays, and all of it stays in the cache
 # Rows of a block's second workspace: radiance; one light's modes; how far its pixels see that light, and do not.
 PIXELS, SUM, LIT_PART, DARK_PART, NUM_PIXEL_ROWS = 0, 3, 6, 7, 8
 
 
-@compiled
+@fused
 def _add_modes(rows, block, weights, light, share, colors, pixels):
     """Adds a block's modes (modes.Rows), weighted for one light, to its pixels, each by its share."""
     entries, step, mode, start = rows
     total = pixels[SUM : SUM + 3].reshape(3 * LANES)
     for i in range(3 * LANES):
         total[i] = ZERO
-    for row in range(start[block], start[block + 1]):
+    first, last = start[block], start[block + 1]
+    # Four rows at a time: the sums are read and written once for them.
+    for row in range(first, last - 3, 4):
+        a, b, c, d = entries[row], entries[row + 1], entries[row + 2], entries[row + 3]
+        of_a, of_b = weights[light, mode[row]] * step[row], weights[light, mode[row + 1]] * step[row + 1]
+        of_c, of_d = weights[light, mode[row + 2]] * step[row + 2], weights[light, mode[row + 3]] * step[row + 3]
+        for i in range(3 * LANES):
+            low = of_a * np.float32(a[i]) + of_b * np.float32(b[i])
+            total[i] += low + (of_c * np.float32(c[i]) + of_d * np.float32(d[i]))
+    for row in range(last - (last - first) % 4, last):
         weight, values = weights[light, mode[row]] * step[row], entries[row]
         for i in range(3 * LANES):
             total[i] += weight * np.float32(values[i])
@@ -27,7 +37,7 @@ def _add_modes(rows, block, weights, light, share, colors, pixels):
             out[lane] += color * share[lane] * mine[lane]
 
 
-@compiled
+@fused
 def _parts(first, last, start, seen, light, pixels):
     """How far each pixel of a block sees a light, in LIT_PART, and does not, in DARK_PART. Returns whether any does."""
     a, b = start[first], start[last]
@@ -37,19 +47,24 @@ def _parts(first, last, start, seen, light, pixels):
         least, most = min(least, of_points[p]), max(most, of_points[p])
     if least == most or b - a == last - first:  # all alike, or a point a pixel
         for lane in range(last - first):
-            part[lane] = np.float32(of_points[lane]) / np.float32(FULL)
+            part[lane] = np.float32(of_points[lane]) * PER_FULL
     else:
-        for r in range(first, last):
-            total = 0
-            for p in range(start[r], start[r + 1]):
-                total += seen[light, p]
-            part[r - first] = np.float32(total) / np.float32(FULL * (start[r + 1] - start[r]))
+        p = 0
+        for lane in range(last - first):
+            num = start[first + lane + 1] - a - p
+            total = np.float32(of_points[p])
+            if num > 1:
+                for k in range(1, num):
+                    total += np.float32(of_points[p + k])
+                total /= np.float32(num)
+            part[lane] = total * PER_FULL
+            p += num
     for lane in range(last - first):
         rest[lane] = ONE - part[lane]
     return most > 0, least < FULL
 
 
-@compiled
+@fused
 def _add_residual(first, last, start, lights, seen, lit, dark, pixels):
     """The residual of a block of the captured view: lit and dark modes by how far each pixel sees the light.
 
@@ -63,7 +78,7 @@ def _add_residual(first, last, start, lights, seen, lit, dark, pixels):
             _add_modes(dark[0], first // LANES, dark[1], light, pixels[DARK_PART], lights, pixels)
 
 
-@inlined
+@fused_inlined
 def _add_up(start, first, last, a, work, pixels):
     """The radiance of each pixel's points, which begin at `a` in `work`."""
     begin, end = start[first] - a, start[last] - a
@@ -73,22 +88,39 @@ def _add_up(start, first, last, a, work, pixels):
             for lane in range(len(of_points)):
                 total[lane] = of_points[lane]
         return
-    for r in range(first, last):
-        for c in range(3):
-            total = ZERO
-            for p in range(start[r] - a, start[r + 1] - a):
-                total += work[TOTAL + c, p]
-            pixels[PIXELS + c, r - first] = total
+    red, green, blue = work[TOTAL, begin:end], work[TOTAL + 1, begin:end], work[TOTAL + 2, begin:end]
+    p = 0
+    for lane in range(last - first):
+        num = start[first + lane + 1] - a - begin - p
+        r, g, b = red[p], green[p], blue[p]
+        for k in range(1, num):
+            r, g, b = r + red[p + k], g + green[p + k], b + blue[p + k]
+        pixels[PIXELS, lane], pixels[PIXELS + 1, lane], pixels[PIXELS + 2, lane] = r, g, b
+        p += num
 
 
-@compiled
+@fused_inlined
+def finish_block(first, last, a, start, pixel, lights, seen, lit, dark, work, pixels, out):
+    """A block's points, which begin at `a` in `work`, added up, with the residual, onto `out`; clamped at 0."""
+    _add_up(start, first, last, a, work, pixels)
+    if len(lit[1]):
+        _add_residual(first, last, start, lights, seen, lit, dark, pixels)
+    red, green, blue = pixels[PIXELS], pixels[PIXELS + 1], pixels[PIXELS + 2]
+    for lane in range(last - first):
+        place = np.uint32(3) * np.uint32(pixel[first + lane])  # unsigned: no look from the end
+        for c, mine in ((np.uint32(0), red[lane]), (np.uint32(1), green[lane]), (np.uint32(2), blue[lane])):
+            value = mine + out[place + c]
+            out[place + c] = ZERO if value < 0 else value  # a NaN passes, to be seen
+
+
+@fused
 def shade(
     first, last, start, pixel, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes,
     site_source, site_share, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """Radiance of the pixels of rank first..last (first a multiple of 16): every term, added up, clamped at 0.
 
-    `out` (pixel x 3) holds what else each pixel shows. Arrays of an absent effect have length 0. `work` has room for
+    `out` (pixel x 3, flat) holds what else each pixel shows. Arrays of an absent effect have length 0. `work` has room for
     a chunk's points (shade_kernels.NUM_ROWS rows), `pixels` for its pixels (NUM_PIXEL_ROWS rows).
     """
     for begin in range(first, last, CHUNK):
@@ -99,17 +131,12 @@ def shade(
             site_share, irradiance, source, share, images, work,
         )  # fmt: skip
         for block in range(begin, end, LANES):
-            stop = min(block + LANES, end)
-            _add_up(start, block, stop, a, work, pixels)
-            if len(lit[1]):
-                _add_residual(block, stop, start, lights, seen, lit, dark, pixels)
-            for r in range(block, stop):
-                for c in range(3):
-                    value = pixels[PIXELS + c, r - block] + out[pixel[r], c]
-                    out[pixel[r], c] = ZERO if value < 0 else value  # a NaN passes, to be seen
+            finish_block(
+                block, min(block + LANES, end), a, start, pixel, lights, seen, lit, dark, work, pixels, out
+            )  # fmt: skip
 
 
-@compiled
+@fused
 def residual_images(first, last, lit, dark, light, ones, pixels, images):
     """The residual of captured points in blocks first..last, lit and dark, for one light of power 1.
 

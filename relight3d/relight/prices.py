@@ -70,11 +70,19 @@ def _chain(steps: Sequence[Changes]) -> list[dict[str, Any]]:
 
 def single_steps(model: RelightModel) -> dict[str, Changes]:
     """Every step away from the exact setting that this model can take: what it does not have needs no leaving out."""
-    steps: dict[str, Changes] = {"shadows on a lattice of 4 pixels": {"shadows": "adaptive", "lattice_px": 4}}
+    lattice: Changes = {"shadows": "adaptive", "lattice_px": 4}
+    steps: dict[str, Changes] = {
+        "shadows on a lattice of 4 pixels": lattice,
+        "one ray for the parts of a pixel": {**lattice, "shared_rays": True},
+    }
+    if model.indirect is not None or any(model.lobes):
+        steps["shading on a lattice"] = {"shading": "adaptive"}
     num_lobes = max((len(lobes) for lobes in model.lobes), default=0)
     num_modes = 0
     if model.residual is not None:
         num_modes = max(model.residual.lit_modes.shape[1], model.residual.dark_modes.shape[1])
+    if num_modes:
+        steps["a residual of 8 bits"] = {"precision": "int8"}
     steps |= {f"{k} modes of the residual": {"max_modes": k} for k in (8, 3) if k < num_modes}
     if len(model.mirrors) > 1 or any(not mirror.is_plane for mirror in model.mirrors):
         steps["one bounce between mirrors"] = {"max_bounces": 1}
@@ -168,9 +176,9 @@ def joined(changes: Changes, more: Changes) -> dict[str, Any]:
         if name in changes and name in more:
             out[name] = min(changes[name], more[name])
     if out.get("residual") is False:
-        out = {k: v for k, v in out.items() if k != "max_modes"}
+        out = {k: v for k, v in out.items() if k not in ("max_modes", "precision")}
     if "off" in (changes.get("shadows"), more.get("shadows")):
-        out = {k: v for k, v in out.items() if k not in ("lattice_px", "borders")} | {"shadows": "off"}
+        out = {k: v for k, v in out.items() if k not in ("lattice_px", "shared_rays", "borders")} | {"shadows": "off"}
     return out
 
 

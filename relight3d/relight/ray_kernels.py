@@ -8,16 +8,12 @@ import numpy as np
 
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, ONE, PLACE, compiled, dot, incident, inlined
 
-ASKS, LIT, DARK, AWAY = (
-    3,
-    2,
-    1,
-    0,
-)  # states of a point: not yet known; lit; turned to the light but shadowed; turned away
+# States of a point: not yet known; lit; turned to the light but shadowed; turned away.
+ASKS, LIT, DARK, AWAY = 3, 2, 1, 0
 
 
 @inlined
-def _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
+def ground_blocks(ground, x, y, z, lx, ly, lz, distance):
     """Whether the way from a point to a light passes through the ground (ground.ground_of) from above."""
     if len(ground) == 0:
         return False
@@ -55,46 +51,19 @@ def face_light(lights, ground, position, geometric, normal, first, last, state):
         lx, ly, lz, falloff, distance = incident(lights, 0, x, y, z)
         if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0):
             state[p] = AWAY
-        elif not falloff > 0 or _ground_blocks(ground, x, y, z, lx, ly, lz, distance):
+        elif not falloff > 0 or ground_blocks(ground, x, y, z, lx, ly, lz, distance):
             state[p] = DARK
         else:
             state[p] = ASKS
 
 
 @compiled
-def gather(listed, first, last, state, index):
-    """The points that ask for a ray, among first..last or, if any are, among listed[first..last]. Returns how many."""
+def gather(first, last, state, index):
+    """The points among first..last that ask for a ray. Returns how many."""
     count = 0
-    if len(listed) == 0:
-        for p in range(first, last):
-            index[count] = p
-            count += state[p] == ASKS
-    else:
-        for p in listed[first:last]:
-            index[count] = p
-            count += state[p] == ASKS
-    return count
-
-
-@compiled
-def spread(between, corners, first, last, state, seen, index):
-    """Points between lattice points that agree take their state; the others ask for a ray. Returns how many do."""
-    count = 0
-    for i in range(first, last):
-        p, agreed = between[i], state[corners[i, 0]]
-        if state[p] != ASKS:
-            continue
-        if (
-            agreed == AWAY
-            or agreed != state[corners[i, 1]]
-            or agreed != state[corners[i, 2]]
-            or (agreed != state[corners[i, 3]])
-        ):
-            index[count] = p
-            count += 1
-        else:
-            state[p] = agreed
-            seen[p] = FULL if agreed == LIT else 0
+    for p in range(first, last):
+        index[count] = p
+        count += state[p] == ASKS
     return count
 
 
@@ -212,7 +181,7 @@ def ask_thrown(
         if (x - plane[0]) ** 2 + (y - plane[1]) ** 2 + (z - plane[2]) ** 2 > plane[6] ** 2 or reach >= distance:
             continue
         sx, sy, sz, _, left = incident(real_lights, 0, x, y, z)
-        if _ground_blocks(ground, x, y, z, sx, sy, sz, left):
+        if ground_blocks(ground, x, y, z, sx, sy, sz, left):
             continue
         for axis in range(3):
             origins[count, axis] = position[axis, p] + geometric[axis, p] * offset

@@ -85,7 +85,7 @@ class Relighter:
         self.view_ms = 1e3 * (time.perf_counter() - start)
 
     def _pack(self) -> None:
-        engine = _engine_class(self.options.backend)
+        engine = _engine_class(self.options)
         self._engine = None if engine is None else engine(self._scene, self.model, self.view, self.options)
 
     def render(self, lights: Iterable[Light]) -> Frame:
@@ -131,7 +131,7 @@ def _view_settings(options: RelightOptions) -> tuple:
 
 def _view(scene: RayScene, model: RelightModel, camera: Camera, options: RelightOptions) -> View:
     follow = ViewOptions(options.edge_samples, options.max_bounces)
-    compiled = scene.packets is not None and _engine_class(options.backend) is not None
+    compiled = scene.packets is not None and _engine_class(options) is not None
     if camera.same_as(model.camera) or not compiled:
         return build_view(scene, model, camera, follow)
     from relight3d.relight.fast_view import build_fast_view
@@ -139,18 +139,19 @@ def _view(scene: RayScene, model: RelightModel, camera: Camera, options: Relight
     return build_fast_view(scene, model, camera, follow)
 
 
-def _engine_class(backend: str):
+def _engine_class(options: RelightOptions):
     """The compiled engine; None for the NumPy reference, which also serves where numba is missing."""
-    if backend == "numpy":
+    if options.backend == "numpy":
         return None
     try:
         from relight3d.relight.engine import Engine
+        from relight3d.relight.fill_engine import FillEngine
     except ImportError:
-        if backend == "numba":
+        if options.backend == "numba":
             raise
         logger.info("no numba: frames come from the NumPy reference")
         return None
-    return Engine
+    return FillEngine if options.shading == "adaptive" else Engine
 
 
 def _terms(scene: RayScene, model: RelightModel, view: View, options: RelightOptions, lights: list[Light]) -> Terms:

@@ -9,18 +9,16 @@ from jaxtyping import Float32, UInt8
 from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import ray_kernels
+from relight3d.relight.anchors import Anchors
 from relight3d.relight.buffers import Buffers
 from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
+from relight3d.relight.lattice import Lattice
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import tiles
 from relight3d.tracing import NO_LIMITS, RayScene, over_threads
-from relight3d.views import BORDER_PATTERN, View
-
-EVERYWHERE = np.zeros(0, np.int32)
-# By lattice spacing: how many corners of a cell must lie on a point's own surface for its state to be read off them.
-MIN_CORNERS = {2: 4, 4: 3}
+from relight3d.views import BORDER_PATTERN
 
 Seen = UInt8[np.ndarray, " point"]
 
@@ -32,9 +30,14 @@ class Shadows:
     """
 
     def __init__(
-        self, scene: RayScene, model: RelightModel, view: View, buffers: Buffers, options: RelightOptions
+        self,
+        scene: RayScene,
+        model: RelightModel,
+        buffers: Buffers,
+        options: RelightOptions,
+        anchors: Anchors | None = None,
     ) -> None:
-        self._scene, self._model, self._view, self._buffers, self._options = scene, model, view, buffers, options
+        self._scene, self._model, self._buffers, self._options = scene, model, buffers, options
         num = len(buffers)
         self._offset = np.float32(scene.offset_distance)
         self._ground = ground_of(model.mesh)
@@ -45,6 +48,7 @@ class Shadows:
         self._kept: OrderedDict[tuple, Seen] = OrderedDict()
         self.rays: dict[str, int] = {}
         self._room = options.keep_lights
+        self._lattice = None if anchors is None else Lattice(scene, buffers, anchors, self._ground)
 
     def start_frame(self, num_kept: int) -> None:
         """Begin counting rays anew; the frame needs the answers of so many lights, mirrored ones counted."""
@@ -79,10 +83,12 @@ class Shadows:
         if shadows == "off":
             over_threads(lambda part: self._unshadowed(light, part, seen), self._tiles)
             return seen
-        if shadows == "adaptive":
-            num = self._cast_on_lattice(light, seen)
-        else:
-            num = sum(over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles))
+        if self._lattice is not None:
+            num, num_border = self._lattice.cast(light, seen, self._options.borders)
+            self.rays[effect] = self.rays.get(effect, 0) + num
+            self.rays["border"] += num_border
+            return seen
+        num = sum(over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles))
         self.rays[effect] = self.rays.get(effect, 0) + num
         if self._options.borders:
             self.rays["border"] += sum(over_threads(lambda part: self._cast_borders(light, part, seen), self._tiles))
@@ -99,16 +105,9 @@ class Shadows:
 
     def _cast_tile(self, light: np.ndarray, part: slice, seen: Seen) -> int:
         self._face(light, part)
-        return self._cast_gathered(light, EVERYWHERE, part, part, seen)
-
-    def _cast_gathered(self, light: np.ndarray, listed: np.ndarray, part: slice, room: slice, seen: Seen) -> int:
-        """A ray for each point of listed[part] that asks, written where there is room for as many."""
-        index = self._index[room]
-        index = index[: ray_kernels.gather(listed, part.start, part.stop, self._state, index)]
-        return self._cast_listed(light, index, room, seen)
-
-    def _cast_listed(self, light: np.ndarray, index: np.ndarray, room: slice, seen: Seen) -> int:
-        b, room = self._buffers, slice(room.start, room.start + len(index))
+        index, b = self._index[part], self._buffers
+        index = index[: ray_kernels.gather(part.start, part.stop, self._state, index)]
+        room = slice(part.start, part.start + len(index))
         rays = (self._origins[room], self._ways[room], self._limits[room])
         ray_kernels.rays_to_light(light, b.position, b.geometric_normal, self._offset, index, *rays)
         self._block(light, *rays, self._blocked[room])
@@ -131,55 +130,6 @@ class Shadows:
         self._block(light, origins, ways, limits, blocked)
         ray_kernels.settle_borders(index, blocked, len(BORDER_PATTERN), seen)
         return num
-
-    # ------------------------------------------------------------------------------------- lattice
-
-    def _cast_on_lattice(self, light: np.ndarray, seen: Seen) -> int:
-        always, starts, between, corners = self._lattice
-
-        def cast_lattice(k: int) -> int:
-            self._face(light, self._tiles[k])
-            return self._cast_gathered(light, always, slice(starts[k], starts[k + 1]), self._tiles[k], seen)
-
-        def refine(part: slice) -> int:
-            index = self._index[part]
-            index = index[: ray_kernels.spread(between, corners, part.start, part.stop, self._state, seen, index)]
-            return self._cast_listed(light, index, part, seen)
-
-        num = sum(over_threads(cast_lattice, range(len(self._tiles))))
-        return num + sum(over_threads(refine, tiles(len(between))))
-
-    @cached_property
-    def _lattice(self) -> tuple[np.ndarray, list[int], np.ndarray, np.ndarray]:
-        """Points that always get their ray, where each tile's begin, the other points, and four lattice points about
-        each of those: corners of its cell on the same smooth piece of surface, repeated to make four.
-        """
-        view, b, spacing = self._view, self._buffers, self._options.lattice_px
-        camera, pixel = view.camera, view.points.pixel[b.order]
-        y, x = np.divmod(pixel, camera.width)
-        alone = np.bincount(pixel, minlength=camera.num_pixels)[pixel] == 1
-        point_of_pixel = np.full(camera.num_pixels, -1, np.int32)
-        point_of_pixel[pixel[alone]] = np.flatnonzero(alone)
-        between = np.flatnonzero(alone & ((x % spacing != 0) | (y % spacing != 0))).astype(np.int32)
-        label, depth = (view.surface * 2 + view.is_mirrored)[b.order], view.points.depth[b.order]
-        corners = np.full((len(between), 4), -1, np.int32)
-        for k in range(4):
-            cx = x[between] // spacing * spacing + spacing * (k % 2)
-            cy = y[between] // spacing * spacing + spacing * (k // 2)
-            inside = (cx < camera.width) & (cy < camera.height)
-            corner = np.where(inside, point_of_pixel[np.where(inside, cy * camera.width + cx, 0)], -1)
-            at = np.maximum(corner, 0)
-            alike = (label[at] == label[between]) & (np.abs(depth[at] - depth[between]) < 0.06 * depth[between])
-            alike &= np.einsum("ip,ip->p", b.geometric_normal[:, at], b.geometric_normal[:, between]) > 0.9
-            corners[:, k] = np.where(alike, corner, -1)
-        enough = (corners >= 0).sum(axis=1) >= MIN_CORNERS[spacing]
-        between, corners = between[enough], corners[enough]
-        corners = np.where(corners >= 0, corners, corners.max(axis=1, keepdims=True))
-        is_between = np.zeros(len(b), bool)
-        is_between[between] = True
-        always = np.flatnonzero(~is_between).astype(np.int32)
-        starts = np.searchsorted(always, [*(tile.start for tile in self._tiles), len(b)]).tolist()
-        return always, starts, between, corners.astype(np.int32)
 
     # ------------------------------------------------------------------------------------- table
 

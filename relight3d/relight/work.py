@@ -20,6 +20,7 @@ KINDS_OF_CLOCK = {
 }
 KINDS = tuple(dict.fromkeys(kind for kinds in KINDS_OF_CLOCK.values() for kind in kinds))
 PRIOR = 1e-2  # how strongly the kinds of one clock are held alike where the timed frames do not tell them apart
+MODES_PER_WORD = {"float32": 1, "int16": 2, "int8": 4}
 
 Work = Mapping[str, int]
 Clocks = Mapping[str, float]  # milliseconds of a frame by the names of KINDS_OF_CLOCK
@@ -34,13 +35,18 @@ def work_of(relighter: "Relighter", stats: Sequence[Stats]) -> dict[str, int]:
     lobes = np.array([len(each) for each in model.lobes], np.int64)
     residual, indirect = model.residual, model.indirect
     modes = 0 if residual is None else residual.lit_modes.shape[1] + residual.dark_modes.shape[1]
-    packed = modes * len(model.pixels.points) // (2 if options.precision == "int16" else 1)
+    packed = modes * len(model.pixels.points) // MODES_PER_WORD[options.precision]
+    engine = relighter._engine
+    if indirect is None or engine is None or engine.sites is None:
+        num_sites = 0 if indirect is None else len(indirect.coefficients)
+    else:  # those that points read, or the anchors
+        num_sites = len(engine.sites.coefficients)
     return {
         "points": len(view.points),
         "shadow rays": _mean_rays(stats, "shadow"),
         "border rays": _mean_rays(stats, "border"),
         "thrown rays": _mean_rays(stats, "thrown"),
-        "site functions": 0 if indirect is None else int(np.prod(indirect.coefficients.shape[:2])),
+        "site functions": 0 if indirect is None else num_sites * indirect.coefficients.shape[1],
         "lobes": int(lobes[view.surface].sum()) if len(lobes) else 0,
         "modes": int(packed),
     }

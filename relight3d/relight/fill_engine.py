@@ -1,0 +1,82 @@
+"""Frames with fewer evaluations than pixels: an engine whose slow terms are evaluated at anchors."""
+
+import numpy as np
+
+from relight3d.records import RelightModel
+from relight3d.relight import fill_kernels, pixel_kernels
+from relight3d.relight.anchors import CELL, Anchors
+from relight3d.relight.buffers import Buffers, Sites
+from relight3d.relight.engine import Engine, scratch
+from relight3d.relight.kernels import AT_INFINITY, COLOR, KIND, PLACE
+from relight3d.relight.options import RelightOptions
+from relight3d.tracing import RayScene
+from relight3d.views import View
+
+FAINT = 1e-3  # of white: a lobe that would add less at a point is left out there
+EXPONENT, DARK = 6, 11  # columns of a lobe's row, buffers.pack_view
+
+
+class FillEngine(Engine):
+    """One view of a model, its indirect light at anchors only, faint highlights left out."""
+
+    def __init__(self, scene: RayScene, model: RelightModel, view: View, options: RelightOptions) -> None:
+        super().__init__(scene, model, view, options)
+        a = self.anchors
+        if a is None or options.lattice_px != CELL:
+            a = self._anchors(CELL)
+        self.sites = None if self.buffers.sites is None else anchor_sites(a, self.buffers.sites, self.buffers)
+        starts = self.buffers.point_start
+        starts = np.append(starts[: -1 : pixel_kernels.CHUNK], starts[-1])  # the first point of each chunk
+        cell_start, loose_start = (np.searchsorted(points, starts).astype(np.int32) for points in (a.cell, a.loose))
+        self._cells = (cell_start, a.cell, a.cell_corner)
+        self._loose = (loose_start, a.loose, a.corner, a.share)
+        # The most that a lobe can be multiplied by at any point, power and falloff aside.
+        self._most_gloss = float(self.buffers.gloss.max(initial=0.0))
+
+    def _shade(self, rows, seen, weights, irradiance, images, out) -> None:
+        b = self.buffers
+        (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
+        lobes = self._bright_lobes(rows)
+        points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
+
+        def fill(part: slice) -> None:
+            fill_kernels.fill(
+                part.start, part.stop, b.point_start, b.pixel_of_rank, self._cells, self._loose, rows, seen, *points,
+                irradiance, source, share, images, lit, dark,
+                np.empty((fill_kernels.NUM_FILL_ROWS, self._chunk_points), np.float32), scratch(), flat,
+            )  # fmt: skip
+
+        self._over_tiles(fill)
+
+    def _most_irradiance(self, rows: np.ndarray) -> float:
+        """What the strongest light sends to any point of the mesh."""
+        radius = self.model.mesh.radius
+        nearest = np.maximum(np.linalg.norm(rows[:, PLACE : PLACE + 3], axis=1) - radius, 0.05 * radius)
+        falloff = np.where(rows[:, KIND] == AT_INFINITY, 1.0, 1.0 / nearest**2)
+        return float((rows[:, COLOR : COLOR + 3].max(axis=1) * falloff).max())
+
+    def _bright_lobes(self, rows: np.ndarray) -> np.ndarray:
+        """The lobes with the base below which each is too faint to be seen under these lights."""
+        lobes = self.buffers.lobes.copy()
+        if len(lobes) == 0 or len(rows) == 0:
+            return lobes
+        most = lobes[:, :3].max(axis=1) * self._most_gloss * self._most_irradiance(rows) * self.model.exposure
+        base = (FAINT / np.maximum(most, FAINT)) ** (1 / np.maximum(lobes[:, EXPONENT], 1e-3))
+        lobes[:, DARK] = np.clip(base, lobes[:, DARK], 0.999999)
+        return lobes
+
+
+def anchor_sites(anchors: Anchors, sites: Sites, buffers: Buffers) -> Sites:
+    """Indirect light kept at the anchors themselves, blended there from the sites that they read."""
+    at = anchors.point
+    source, share = sites.source[at], sites.share[at]
+    each = np.arange(len(at), dtype=np.int32)[:, None]
+    return Sites(
+        source=each,
+        share=np.ones((len(at), 1), np.float32),
+        positions=np.ascontiguousarray(buffers.position[:, at].T),
+        coefficients=np.einsum("ak,akbc->abc", share, sites.coefficients[source]),
+        ambient=np.einsum("ak,akc->ac", share, sites.ambient[source]),
+        all_positions=sites.all_positions,
+        to_basis=sites.to_basis,
+    )

@@ -1,0 +1,100 @@
+"""Shadows on a lattice: rays for anchors, then for the points between anchors that disagree, then along the edges."""
+
+import numpy as np
+from jaxtyping import Int32, UInt8
+
+from relight3d.relight import lattice_kernels, ray_kernels
+from relight3d.relight.anchors import Anchors
+from relight3d.relight.buffers import Buffers
+from relight3d.relight.kernels import AT_INFINITY, KIND
+from relight3d.relight.tiles import tiles
+from relight3d.tracing import NO_LIMITS, RayScene, over_threads
+
+EDGE_RAYS = 3  # between a lit and a dark neighbour: they place the edge to a quarter of a pixel
+MIN_LISTED = 1024  # a smaller tile of anchors is not worth a thread
+
+
+class Lattice:
+    """The shadow rays of one view on its anchors."""
+
+    def __init__(self, scene: RayScene, buffers: Buffers, anchors: Anchors, ground: np.ndarray) -> None:
+        self._scene, self._buffers, self._anchors, self._ground = scene, buffers, anchors, ground
+        self._offset = np.float32(scene.offset_distance)
+        self._state = np.zeros(len(buffers), np.uint8)
+        self._nearness = np.zeros((len(buffers), 2), np.float32)
+        self._geometry = (buffers.position, buffers.geometric_normal, buffers.normal)
+        at = anchors.traced
+        position, geometric, normal = (np.ascontiguousarray(plane[:, at]) for plane in self._geometry)
+        self._near = (position, geometric, normal)  # of traced points alone
+        self._of_traced = np.zeros(len(at), np.uint8)
+        place = np.zeros(len(buffers) + 1, np.int32)  # the last one for no witness
+        place[at] = np.arange(len(at), dtype=np.int32)
+        self._cell_witness = place[anchors.point[anchors.cell_corner]]
+        self._witness = place[anchors.witness]
+
+    def cast(self, light: np.ndarray, seen: UInt8[np.ndarray, " point"], has_borders: bool) -> tuple[int, int]:
+        """How far each point sees the light, written to `seen`; the number of shadow rays and of those at edges."""
+        a = self._anchors
+        num = sum(over_threads(lambda part: self._cast_traced(light, part, seen), tiles(len(a.traced), MIN_LISTED)))
+        states = (self._of_traced, self._state)
+        work = [(a.cell, part) for part in tiles(len(a.cell), MIN_LISTED)]
+        work += [(a.loose, part) for part in tiles(len(a.loose), MIN_LISTED)]
+        traced = over_threads(lambda task: self._spread(light, task[0], task[1], states, seen), work)
+        lattice_kernels.follow(a.loose, a.lead, self._state, seen)
+        num += sum(len(index) for index in traced)
+        if not has_borders or not traced:
+            return num, 0
+        found = over_threads(lambda index: self._cast_crossings(light, index), traced)
+        # All at once: a pixel's two edges may come from two threads.
+        pairs, blocked = (np.concatenate(each) for each in zip(*found))
+        lattice_kernels.settle_crossings(pairs, blocked, EDGE_RAYS, self._nearness, seen)
+        return num, len(blocked)
+
+    def _cast_traced(self, light: np.ndarray, part: slice, seen: np.ndarray) -> int:
+        index, ends = np.empty(part.stop - part.start + 1, np.int32), (part.start, part.stop)
+        count = lattice_kernels.face_traced(light, self._ground, self._near, *ends, self._of_traced, index)
+        rays, blocked, listed = _room(count), np.empty(count, bool), index[:count]
+        ray_kernels.rays_to_light(light, *self._near[:2], self._offset, listed, *rays)
+        self._block(light, *rays, blocked)
+        lattice_kernels.settle_traced(listed, blocked, self._of_traced)
+        lattice_kernels.scatter(self._anchors.traced, self._of_traced, *ends, self._state, seen)
+        return count
+
+    def _spread(self, light: np.ndarray, listed: np.ndarray, part: slice, states, seen) -> Int32[np.ndarray, " ray"]:
+        a, light_on = self._anchors, (light, self._ground, self._geometry)
+        if listed is a.cell:
+            index = np.empty(16 * (part.stop - part.start) + 1, np.int32)
+            given = (a.cell, self._cell_witness, part.start, part.stop)
+            count = lattice_kernels.spread_cells(*light_on, *given, states, seen, index)
+        else:
+            index = np.empty(part.stop - part.start + 1, np.int32)
+            given = (a.loose, self._witness, a.lead, a.is_sure, part.start, part.stop)
+            count = lattice_kernels.spread_loose(*light_on, *given, states, seen, index)
+        self._cast_listed(light, index[:count], seen)
+        return index[:count]
+
+    def _cast_listed(self, light: np.ndarray, index: np.ndarray, seen: np.ndarray) -> None:
+        b, blocked = self._buffers, np.empty(len(index), bool)
+        rays = _room(len(index))
+        ray_kernels.rays_to_light(light, b.position, b.geometric_normal, self._offset, index, *rays)
+        self._block(light, *rays, blocked)
+        ray_kernels.settle(index, blocked, self._state, seen)
+
+    def _cast_crossings(self, light: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        b, pairs = self._buffers, np.empty((4 * len(index) + 1, 3), np.int32)
+        pairs = pairs[: lattice_kernels.find_crossings(b.neighbour, self._state, index, pairs)]
+        rays, blocked = _room(EDGE_RAYS * len(pairs)), np.empty(EDGE_RAYS * len(pairs), bool)
+        place = (b.position, b.geometric_normal, b.step, self._offset, EDGE_RAYS)
+        lattice_kernels.ask_crossings(light, *place, pairs, *rays)
+        self._block(light, *rays, blocked)
+        return pairs, blocked
+
+    def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
+        if light[0, KIND] == AT_INFINITY:
+            ways, limits = light[:, 1:4], NO_LIMITS
+        self._scene.block_tile(origins, ways, limits, blocked)
+
+
+def _room(num: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For so many rays: origins, directions, limits."""
+    return np.empty((num, 3), np.float32), np.empty((num, 3), np.float32), np.empty(num, np.float32)
