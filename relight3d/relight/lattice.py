@@ -84,7 +84,7 @@ class Lattice:
         b, pairs = self._buffers, np.empty((4 * len(index) + 1, 3), np.int32)
         pairs = pairs[: lattice_kernels.find_crossings(b.neighbour, self._state, index, pairs)]
         rays, blocked = _room(EDGE_RAYS * len(pairs)), np.empty(EDGE_RAYS * len(pairs), bool)
-        place = (b.position, b.geometric_normal, b.step, self._offset, EDGE_RAYS)
+        place = (b.position, b.geometric_normal, b.steps(pairs[:, 0]), self._offset, EDGE_RAYS)
         lattice_kernels.ask_crossings(light, *place, pairs, *rays)
         self._block(light, *rays, blocked)
         return pairs, blocked

@@ -145,15 +145,18 @@ def find_crossings(neighbour, state, index, pairs):
 
 @compiled
 def ask_crossings(lights, position, geometric, step, offset, num_each, pairs, origins, ways, limits):
-    """Rays from `num_each` places evenly between the two points of each pair, from the lit one to the dark one."""
+    """Rays from `num_each` places evenly between the two points of each pair, from the lit one to the dark one.
+
+    `step` is the lit points' (View.step).
+    """
     ray = 0
     for i in range(len(pairs)):
         p, axis, sign = pairs[i, 0], pairs[i, 2] // 2, ONE - 2 * (pairs[i, 2] % 2)
         for k in range(num_each):
             part = np.float32(sign * (k + 1) / (num_each + 1))
-            x = position[0, p] + part * step[p, axis, 0]
-            y = position[1, p] + part * step[p, axis, 1]
-            z = position[2, p] + part * step[p, axis, 2]
+            x = position[0, p] + part * step[i, axis, 0]
+            y = position[1, p] + part * step[i, axis, 1]
+            z = position[2, p] + part * step[i, axis, 2]
             origins[ray, 0] = x + geometric[0, p] * offset
             origins[ray, 1] = y + geometric[1, p] * offset
             origins[ray, 2] = z + geometric[2, p] * offset
