@@ -89,9 +89,13 @@ def test_what_a_view_was_not_made_for_is_packed_from_it() -> None:
     np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-6)
 
 
-def test_what_four_captured_pixels_have_in_common_only_saves_work(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("turn_rad", [0.15, 0.9])
+def test_what_four_captured_pixels_have_in_common_only_saves_work(
+    turn_rad: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From farther around, a surface shows places that another part of it hid from the capture."""
     model = models.full()
-    camera, scene = models.other_camera(model), ray_scene(model.mesh)
+    camera, scene = models.other_camera(model, turn_rad), ray_scene(model.mesh)
     cells = captured_of(model).cell.reshape(-1, NUM_CELL_COLUMNS)
     assert (cells[:, CELL_SURFACE] >= 0).mean() > 0.2  # else nothing is saved
     wanted = build_fast_view(scene, model, camera, ViewOptions()).packed
