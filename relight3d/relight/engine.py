@@ -51,6 +51,7 @@ class Engine:
             self.anchors = self._anchors(options.lattice_px)
         self.shadows = Shadows(scene, model, self.buffers, options, self.anchors)
         self.sites = self.buffers.sites
+        self.num_readings = 0 if self.sites is None else self.sites.source.size  # of indirect light, in a frame
         # Whole blocks of the residual in every tile.
         self._tiles = tiles(len(self.buffers.pixel_of_rank), pixel_kernels.CHUNK)
         starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])

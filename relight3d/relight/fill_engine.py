@@ -24,7 +24,14 @@ class FillEngine(Engine):
         a = self.anchors
         if a is None or options.lattice_px != CELL:
             a = self._anchors(CELL)
-        self.sites = None if self.buffers.sites is None else anchor_sites(a, self.buffers.sites, self.buffers)
+        self._blend: tuple[np.ndarray, np.ndarray] | None = None
+        if self.sites is not None:
+            at = (self.sites.source[a.point], self.sites.share[a.point])
+            if len(a.point) < len(self.sites.positions):
+                self.sites = anchor_sites(a, self.sites, self.buffers)
+            else:  # fewer sites than anchors: these read those
+                self._blend = at
+        self.num_readings = 4 * (len(a.cell) + len(a.loose)) + (0 if self._blend is None else self._blend[0].size)
         starts = self.buffers.point_start
         starts = np.append(starts[: -1 : pixel_kernels.CHUNK], starts[-1])  # the first point of each chunk
         cell_start, loose_start = (np.searchsorted(points, starts).astype(np.int32) for points in (a.cell, a.loose))
@@ -36,6 +43,10 @@ class FillEngine(Engine):
     def _shade(self, rows, seen, weights, irradiance, images, out) -> None:
         b = self.buffers
         (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
+        if self._blend is not None:
+            at_anchors = np.empty((len(self._blend[0]), 3), np.float32)
+            fill_kernels.blend(*self._blend, irradiance, at_anchors)
+            irradiance = at_anchors
         lobes = self._bright_lobes(rows)
         points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
 

@@ -16,6 +16,19 @@ IRRADIANCE, NUM_FILL_ROWS = NUM_ROWS, NUM_ROWS + 3
 QUARTER, TWO, THREE = np.float32(0.25), np.float32(2), np.float32(3)
 
 
+@fused
+def blend(source, share, irradiance, out):
+    """Irradiance at anchors from the sites that they read."""
+    for i in range(len(source)):
+        red, green, blue = ZERO, ZERO, ZERO
+        for k in range(source.shape[1]):
+            weight, row = share[i, k], source[i, k]
+            red += weight * irradiance[row, 0]
+            green += weight * irradiance[row, 1]
+            blue += weight * irradiance[row, 2]
+        out[i, 0], out[i, 1], out[i, 2] = red, green, blue
+
+
 @fused_inlined
 def _read_cells(cell, corner, first, last, a, values, work):
     """Irradiance of cells first..last from their corners."""

@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Int32, UInt8
 
-from relight3d.relight import lattice_kernels, ray_kernels
+from relight3d.relight import lattice_kernels
 from relight3d.relight.anchors import Anchors
 from relight3d.relight.buffers import Buffers
-from relight3d.relight.kernels import AT_INFINITY, KIND
+from relight3d.relight.casting import block, cast_listed, room
 from relight3d.relight.tiles import tiles
-from relight3d.tracing import NO_LIMITS, RayScene, over_threads
+from relight3d.tracing import RayScene, over_threads
 
 EDGE_RAYS = 3  # between a lit and a dark neighbour: they place the edge to a quarter of a pixel
 MIN_LISTED = 1024  # a smaller tile of anchors is not worth a thread
@@ -26,7 +26,7 @@ class Lattice:
         at = anchors.traced
         position, geometric, normal = (np.ascontiguousarray(plane[:, at]) for plane in self._geometry)
         self._near = (position, geometric, normal)  # of traced points alone
-        self._of_traced = np.zeros(len(at), np.uint8)
+        self._of_traced, self._seen_of_traced = np.zeros(len(at), np.uint8), np.zeros(len(at), np.uint8)
         place = np.zeros(len(buffers) + 1, np.int32)  # the last one for no witness
         place[at] = np.arange(len(at), dtype=np.int32)
         self._cell_witness = place[anchors.point[anchors.cell_corner]]
@@ -53,10 +53,8 @@ class Lattice:
     def _cast_traced(self, light: np.ndarray, part: slice, seen: np.ndarray) -> int:
         index, ends = np.empty(part.stop - part.start + 1, np.int32), (part.start, part.stop)
         count = lattice_kernels.face_traced(light, self._ground, self._near, *ends, self._of_traced, index)
-        rays, blocked, listed = _room(count), np.empty(count, bool), index[:count]
-        ray_kernels.rays_to_light(light, *self._near[:2], self._offset, listed, *rays)
-        self._block(light, *rays, blocked)
-        lattice_kernels.settle_traced(listed, blocked, self._of_traced)
+        position, geometric, _ = self._near
+        cast_listed(self._scene, light, position, geometric, index[:count], self._of_traced, self._seen_of_traced)
         lattice_kernels.scatter(self._anchors.traced, self._of_traced, *ends, self._state, seen)
         return count
 
@@ -70,31 +68,15 @@ class Lattice:
             index = np.empty(part.stop - part.start + 1, np.int32)
             given = (a.loose, self._witness, a.lead, a.is_sure, part.start, part.stop)
             count = lattice_kernels.spread_loose(*light_on, *given, states, seen, index)
-        self._cast_listed(light, index[:count], seen)
-        return index[:count]
-
-    def _cast_listed(self, light: np.ndarray, index: np.ndarray, seen: np.ndarray) -> None:
-        b, blocked = self._buffers, np.empty(len(index), bool)
-        rays = _room(len(index))
-        ray_kernels.rays_to_light(light, b.position, b.geometric_normal, self._offset, index, *rays)
-        self._block(light, *rays, blocked)
-        ray_kernels.settle(index, blocked, self._state, seen)
+        b, index = self._buffers, index[:count]
+        cast_listed(self._scene, light, b.position, b.geometric_normal, index, self._state, seen)
+        return index
 
     def _cast_crossings(self, light: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         b, pairs = self._buffers, np.empty((4 * len(index) + 1, 3), np.int32)
         pairs = pairs[: lattice_kernels.find_crossings(b.neighbour, self._state, index, pairs)]
-        rays, blocked = _room(EDGE_RAYS * len(pairs)), np.empty(EDGE_RAYS * len(pairs), bool)
+        rays, blocked = room(EDGE_RAYS * len(pairs)), np.empty(EDGE_RAYS * len(pairs), bool)
         place = (b.position, b.geometric_normal, b.steps(pairs[:, 0]), self._offset, EDGE_RAYS)
         lattice_kernels.ask_crossings(light, *place, pairs, *rays)
-        self._block(light, *rays, blocked)
+        block(self._scene, light, *rays, blocked)
         return pairs, blocked
-
-    def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
-        if light[0, KIND] == AT_INFINITY:
-            ways, limits = light[:, 1:4], NO_LIMITS
-        self._scene.block_tile(origins, ways, limits, blocked)
-
-
-def _room(num: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For so many rays: origins, directions, limits."""
-    return np.empty((num, 3), np.float32), np.empty((num, 3), np.float32), np.empty(num, np.float32)

@@ -41,13 +41,6 @@ def face_traced(lights, ground, geometry, first, last, state, index):
 
 
 @compiled
-def settle_traced(index, blocked, state):
-    """What the rays of traced points found."""
-    for i in range(len(index)):
-        state[index[i]] = DARK if blocked[i] else LIT
-
-
-@compiled
 def scatter(traced, of_traced, first, last, state, seen):
     """States of the traced points first..last to their places among all."""
     for i in range(first, last):

@@ -1,8 +1,9 @@
 """A model's own price list: what each cheaper setting loses, measured on the model itself, and the work it takes.
 
-The error of a setting is its difference from the exact frame under lights between the photographed ones, where no
-photograph was fitted, on top of the error that the exact frame itself has there. That one is taken from the photographs
-without the residual (which was fitted to them) and from the residual's own gain on left-out photographs:
+The error of a setting is its difference from the exact frame (with shadows on a lattice, from the frame on the finest
+one) under lights between the photographed ones, where no photograph was fitted, on top of the error that the exact
+frame itself has there. That one is taken from the photographs without the residual (which was fitted to them) and from
+the residual's own gain on left-out photographs:
 
     error_db = 10 log10(1 + difference / e0),   e0 = misfit without residual / 10^(residual's gain / 10)
 
@@ -36,6 +37,7 @@ class Shop:
     exact: Relighter
     lights: list[list[Light]]
     frames: list[Frame]  # the exact ones under them
+    fine_frames: list[Frame]  # the same with shadows on the finest lattice, whose borders are placed otherwise
     own_error: float  # e0
 
 
@@ -104,7 +106,15 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
 def _shop(model: RelightModel, capture: Capture) -> Shop:
     exact = Relighter(model, options=RelightOptions())
     lights = lights_between(model)
-    return Shop(exact, lights, [exact.render(each) for each in lights], _own_error(exact, model, capture))
+    fine = exact.with_options(RelightOptions(shadows="adaptive"))
+    frames, fine_frames = ([each.render(light) for light in lights] for each in (exact, fine))
+    return Shop(exact, lights, frames, fine_frames, _own_error(exact, model, capture))
+
+
+def _difference(ours: Sequence[Frame], frames: Sequence[Frame]) -> float:
+    """The mean square of display values between frames under the same lights."""
+    squares = [np.mean((_shown(mine) - _shown(theirs)) ** 2) for mine, theirs in zip(ours, frames)]
+    return float(np.mean(squares)) if squares else 0.0
 
 
 def _price(shop: Shop, name: str, changes: Changes) -> Price:
@@ -112,8 +122,9 @@ def _price(shop: Shop, name: str, changes: Changes) -> Price:
     if changes:
         relighter = shop.exact.with_options(replace(RelightOptions(), **changes))
         frames = [relighter.render(each) for each in shop.lights]
-    squares = [np.mean((_shown(ours) - _shown(exact)) ** 2) for ours, exact in zip(frames, shop.frames)]
-    square = float(np.mean(squares)) if squares else 0.0
+    # A lattice places borders more finely than four rays do, which is no error: it is compared with its own kind.
+    is_on_lattice = relighter.options.shadows == "adaptive"
+    square = _difference(frames, shop.fine_frames if is_on_lattice else shop.frames)
     return Price(
         name=name,
         options=dict(changes),

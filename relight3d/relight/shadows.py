@@ -11,13 +11,14 @@ from relight3d.records import RelightModel
 from relight3d.relight import ray_kernels
 from relight3d.relight.anchors import Anchors
 from relight3d.relight.buffers import Buffers
+from relight3d.relight.casting import block, cast_listed
 from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
 from relight3d.relight.lattice import Lattice
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import tiles
-from relight3d.tracing import NO_LIMITS, RayScene, over_threads
+from relight3d.tracing import RayScene, over_threads
 from relight3d.views import BORDER_PATTERN
 
 Seen = UInt8[np.ndarray, " point"]
@@ -107,17 +108,7 @@ class Shadows:
         self._face(light, part)
         index, b = self._index[part], self._buffers
         index = index[: ray_kernels.gather(part.start, part.stop, self._state, index)]
-        room = slice(part.start, part.start + len(index))
-        rays = (self._origins[room], self._ways[room], self._limits[room])
-        ray_kernels.rays_to_light(light, b.position, b.geometric_normal, self._offset, index, *rays)
-        self._block(light, *rays, self._blocked[room])
-        ray_kernels.settle(index, self._blocked[room], self._state, seen)
-        return len(index)
-
-    def _block(self, light: np.ndarray, origins, ways, limits, blocked) -> None:
-        if light[0, KIND] == AT_INFINITY:
-            ways, limits = light[:, 1:4], NO_LIMITS
-        self._scene.block_tile(origins, ways, limits, blocked)
+        return cast_listed(self._scene, light, b.position, b.geometric_normal, index, self._state, seen)
 
     def _cast_borders(self, light: np.ndarray, part: slice, seen: Seen) -> int:
         b = self._buffers
@@ -127,7 +118,7 @@ class Shadows:
         limits, blocked = np.empty(num, np.float32), np.empty(num, bool)
         place = (b.position, b.geometric_normal, b.steps(index), self._offset, BORDER_PATTERN)
         ray_kernels.ask_borders(light, *place, index, origins, ways, limits)
-        self._block(light, origins, ways, limits, blocked)
+        block(self._scene, light, origins, ways, limits, blocked)
         ray_kernels.settle_borders(index, blocked, len(BORDER_PATTERN), seen)
         return num
 

@@ -16,7 +16,7 @@ KINDS_OF_CLOCK = {
     "shadow": ("points", "shadow rays", "border rays"),
     "thrown": ("thrown rays",),
     "indirect": ("site functions",),
-    "shade": ("points", "lobes", "modes"),
+    "shade": ("points", "lobes", "modes", "readings"),
 }
 KINDS = tuple(dict.fromkeys(kind for kinds in KINDS_OF_CLOCK.values() for kind in kinds))
 PRIOR = 1e-2  # how strongly the kinds of one clock are held alike where the timed frames do not tell them apart
@@ -27,7 +27,8 @@ Clocks = Mapping[str, float]  # milliseconds of a frame by the names of KINDS_OF
 
 
 def work_of(relighter: "Relighter", stats: Sequence[Stats]) -> dict[str, int]:
-    """What a frame of a relighter takes: rays by kind, points shaded, lobes and modes read, functions of the sites.
+    """What a frame of a relighter takes: rays by kind, points shaded, lobes and modes read, functions of the sites
+    and how often their light is read.
 
     `stats` are of frames under one moved light each; their rays' mean counts.
     """
@@ -39,7 +40,7 @@ def work_of(relighter: "Relighter", stats: Sequence[Stats]) -> dict[str, int]:
     engine = relighter._engine
     if indirect is None or engine is None or engine.sites is None:
         num_sites = 0 if indirect is None else len(indirect.coefficients)
-    else:  # those that points read, or the anchors
+    else:  # those that some point reads, or the anchors
         num_sites = len(engine.sites.coefficients)
     return {
         "points": len(view.points),
@@ -49,6 +50,7 @@ def work_of(relighter: "Relighter", stats: Sequence[Stats]) -> dict[str, int]:
         "site functions": 0 if indirect is None else num_sites * indirect.coefficients.shape[1],
         "lobes": int(lobes[view.surface].sum()) if len(lobes) else 0,
         "modes": int(packed),
+        "readings": 3 * len(view.points) if engine is None else engine.num_readings,
     }
 
 
