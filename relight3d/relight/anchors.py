@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from relight3d.relight import anchor_kernels
 from relight3d.relight.buffers import Buffers
+from relight3d.relight.lazy_view import LazyView
 from relight3d.views import View
 
 CELL = 4  # pixels along a side of a cell
@@ -51,12 +53,16 @@ class _Points:
 
     def __init__(self, view: View, buffers: Buffers) -> None:
         self.width, self.height = view.camera.width, view.camera.height
-        self.pixel = view.points.pixel[buffers.order]
+        self.start, self.normal = buffers.point_start, buffers.geometric_normal
+        counts = np.diff(self.start)
+        self.pixel, self.is_whole = np.repeat(buffers.pixel_of_rank, counts), np.repeat(counts == 1, counts)
         self.y, self.x = np.divmod(self.pixel, np.int32(self.width))
-        self.is_whole = np.bincount(self.pixel, minlength=view.camera.num_pixels)[self.pixel] == 1
-        self.label = (view.surface * 2 + view.is_mirrored)[buffers.order].astype(np.int32)
-        self.depth = view.points.depth[buffers.order]
-        self.normal = np.ascontiguousarray(buffers.geometric_normal.T)
+        if isinstance(view, LazyView):  # which knows without being asked for all it could tell
+            ray, rays = view.looked.listed.ray, view.looked.rays
+            self.label, self.depth = rays.label[ray], rays.depth[ray]
+        else:
+            self.label = (view.surface * 2 + view.is_mirrored)[buffers.order].astype(np.int32)
+            self.depth = view.points.depth[buffers.order]
 
     def __len__(self) -> int:
         return len(self.pixel)
@@ -69,13 +75,9 @@ class _Points:
 
     def looked_up(self, grid: np.ndarray, x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
         """The points of pixels x, y in a grid, where they lie on the same smooth piece as the points `at`; else -1."""
-        inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
-        found = np.where(inside, grid[np.where(inside, y * self.width + x, 0)], -1)
-        there = np.maximum(found, 0)
-        alike = (found >= 0) & (self.label[there] == self.label[at])
-        alike &= np.abs(self.depth[there] - self.depth[at]) < STEP_IN_DEPTH * self.depth[at]
-        alike &= np.einsum("pi,pi->p", self.normal[there], self.normal[at]) > CREASE_COSINE
-        return np.where(alike, found, -1).astype(np.int32)
+        found, kind = np.empty(len(at), np.int32), (self.label, self.depth, self.normal)
+        anchor_kernels.look_up(grid, self.width, self.height, x, y, at, *kind, STEP_IN_DEPTH, CREASE_COSINE, found)
+        return found
 
 
 def find_anchors(view: View, buffers: Buffers, spacing: int, chunk: int, shared_rays: bool = False) -> Anchors:
@@ -146,11 +148,9 @@ def _corners(points: _Points, spacing: int, lattice: np.ndarray) -> tuple[np.nda
 
 def _leads(points: _Points) -> Int32[np.ndarray, " point"]:
     """The first point of the same pixel and surface, or the point itself where that one faces elsewhere."""
-    key = points.pixel.astype(np.int64) * (2 * (int(points.label.max(initial=0)) + 1)) + points.label
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    lead = first[inverse.ravel()]
-    alike = np.einsum("pi,pi->p", points.normal[lead], points.normal) > CREASE_COSINE
-    return np.where(alike, lead, np.arange(len(points))).astype(np.int32)
+    lead = np.empty(len(points), np.int32)
+    anchor_kernels.find_leads(points.start, points.label, points.normal, CREASE_COSINE, lead)
+    return lead
 
 
 def _cells(points: _Points, has_corners: np.ndarray, buffers: Buffers, chunk: int) -> Int32[np.ndarray, " cell"]:
