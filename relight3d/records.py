@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int8, Int32
@@ -387,6 +388,7 @@ class RelightModel:
     warnings: tuple[str, ...] = ()
     settings: Mapping[str, object] = field(default_factory=dict)
     prices: tuple[Price, ...] = ()  # settings of the frames, the exact one first
+    outlines_end: Literal["black", "object"] = "object"  # what a pixel shows beside the mesh: nothing, or more of it
     seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     def save(self, path: str | Path) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from relight3d.camera import Camera
+from relight3d.outlines import cut_pixels, is_break
 from relight3d.records import RelightModel, ShadingPoints
-from relight3d.shading import NUDGE_PX, points_along, points_mirrored, points_seen, reflected
+from relight3d.shading import points_mirrored, points_seen, reflected
 from relight3d.tracing import RayScene
 
 BORDER_PATTERN = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
@@ -67,33 +68,21 @@ def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: Vi
     is_hit[centres.pixel] = True
     followed = _follow(scene, model, centres, np.ones(len(centres), np.float32), options.max_bounces)
     if options.edge_samples > 1:
-        on_edge = _outlines(model, camera, followed)[centres.pixel]
-        pixels, image_points = _subpixels(camera, centres.pixel[on_edge], options.edge_samples)
-        parts = points_along(scene, model.mesh, camera, pixels, image_points)
-        # What misses the mesh is not ours to show: the points that hit share the pixel.
-        hits = np.bincount(parts.pixel, minlength=camera.num_pixels)
-        whole = np.isin(centres.pixel, centres.pixel[on_edge & (hits[centres.pixel] > 0)])
-        centre_left = centres.take(~whole)
-        weight = np.concatenate([np.ones(len(centre_left)), 1.0 / hits[parts.pixel]]).astype(np.float32)
-        num_rays += len(pixels)
-        followed = _follow(scene, model, _joined(centre_left, parts), weight, options.max_bounces)
+        on_edge = centres.pixel[_outlines(model, camera, followed)[centres.pixel]]
+        # What every photograph is compared with is looked at once, and so more closely.
+        parts, weight, rays = cut_pixels(scene, model, camera, on_edge, options.edge_samples, captured)
+        num_rays += rays
         cut = np.zeros(camera.num_pixels, bool)
-        cut[centres.pixel[whole]] = True
+        cut[parts.pixel] = True
+        centre_left = centres.take(~cut[centres.pixel])
+        weight = np.concatenate([np.ones(len(centre_left)), weight]).astype(np.float32)
+        followed = _follow(scene, model, _joined(centre_left, parts), weight, options.max_bounces)
     else:
         cut = np.zeros(camera.num_pixels, bool)
     return _assembled(model, camera, followed, cut, is_hit, num_rays + followed.num_rays)
 
 
 # --------------------------------------------------------------------------------------------- rays
-
-
-def _subpixels(camera: Camera, pixel: np.ndarray, num: int) -> tuple[np.ndarray, np.ndarray]:
-    side = max(1, round(num**0.5))
-    place = (np.arange(side) + 0.5) / side
-    dx, dy = (a.ravel() for a in np.meshgrid(place, place))
-    x = (pixel % camera.width)[:, None] + dx + NUDGE_PX[0]
-    y = (pixel // camera.width)[:, None] + dy + NUDGE_PX[1]
-    return np.repeat(pixel, side * side), np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +164,7 @@ def _outlines(model: RelightModel, camera: Camera, followed: _Followed) -> Bool[
         here = tuple(slice(None, -1) if a == axis else slice(None) for a in (0, 1))
         ahead = tuple(slice(1, None) if a == axis else slice(None) for a in (0, 1))
         differs = label[here] != label[ahead]
-        differs |= np.abs(depth[here] - depth[ahead]) > 0.06 * np.maximum(depth[here], depth[ahead])
-        differs |= (np.einsum("yxi,yxi->yx", normal[here], normal[ahead]) < 0.85) & (label[here] >= 0)
+        differs |= is_break(depth[here], depth[ahead], normal[here], normal[ahead]) & (label[here] >= 0)
         edge[here] |= differs
         edge[ahead] |= differs
     return edge.ravel()

@@ -14,25 +14,27 @@ from relight3d.records import Background, Observations, RelightModel
 from relight3d.recover import indirect, residual
 from relight3d.recover.decisions import decision
 from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Stage
-from relight3d.recover.visible import displayed, thinned, visible_gain_db
+from relight3d.recover.visible import JUST_VISIBLE, displayed, thinned, visible_gain_db
 from relight3d.shading import light_strength, reflected
 
 if TYPE_CHECKING:
     from relight3d.views import View
 
 PASSING = 4.0  # robust deviations: what misses by more does not carry over
+SHARED_PX = 2.0  # deviation of the Gaussian over which pixels share a misfit: noise in it has a seventh of its size
 
 
 def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> RelightModel:
     """The surroundings seen in mirrors, then the interpolated misfit, each as far as left-out photographs gain."""
-    model, view = _with_background(stage, observed, model)
+    model, view = _with_background(stage, observed, _with_outlines(stage, observed, model))
     options, bright = stage.options.residual, ~observed.is_dark
     if options.max_modes == 0 or bright.sum() < 3 or not stage.forced.get(("residual", SCENE), True):
         return model
     given = _given(stage, observed, model, view)
-    fits, gain = {}, 0.0
+    fits, misfits, gain = {}, {}, 0.0
     for name, is_known in given.states.items():
-        fits[name], used = _fit_state(stage, given, is_known, options)
+        misfits[name] = _misfits_of(stage, given, is_known)
+        fits[name], used = _fit_state(stage, given, misfits[name], is_known, options)
         given.states[name] = used
         gain = max(gain, _visible_gain(stage, observed, given, is_known, fits[name]))
     reason = ", ".join(f"{n} {f.gain_db:.1f} dB over {np.degrees(f.length_rad):.0f} degrees" for n, f in fits.items())
@@ -42,8 +44,8 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
     if not line.is_on:
         return model
     if ("residual", SCENE) in stage.forced:
-        options = replace(options, min_gain_db=ANY_GAIN)
-    return replace(model, residual=residual.fit_residual(given.misfit, given.states, given.anchors, fits, options))
+        options = replace(options, min_state_gain_db=ANY_GAIN)
+    return replace(model, residual=residual.fit_residual(misfits, given.states, fits, options))
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class _Misfits:
 
     misfit: np.ndarray  # photo x point x 3, for a light of strength 1, as the frames multiply it by a lamp's own
     slope: np.ndarray  # photo x point x 3: squared, what a display shows of a difference
+    light: np.ndarray  # photo x point: what an albedo of its own is multiplied by
     strength: np.ndarray  # photo
     anchors: np.ndarray  # photo x 3
     states: dict[str, np.ndarray]  # photo x point: known, and lit or dark
@@ -67,11 +70,13 @@ def _given(stage: Stage, observed: Observations, model: RelightModel, view: "Vie
     known = (observed.weight > 0)[bright] & is_sane
     slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
     strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
+    has_albedo = (model.pixels.albedo != model.surface_albedo[stage.surface].astype(np.float32)).any(axis=1)
     # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
     sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
     return _Misfits(
         misfit / strength[:, None, None],
         slope * strength[:, None, None] ** 2,
+        np.maximum(observed.radiance[bright].mean(axis=2), 0.0) * has_albedo,
         strength,
         np.array([_mean_direction(each) for each in observed.lights if each]),
         # What a mirror lights is not dark: carried to a shadow without that patch, its misfit would be a blotch.
@@ -81,39 +86,89 @@ def _given(stage: Stage, observed: Observations, model: RelightModel, view: "Vie
 
 
 def _fit_state(
-    stage: Stage, given: _Misfits, is_known: np.ndarray, options: residual.ResidualOptions
+    stage: Stage, given: _Misfits, misfits: residual.Misfits, is_known: np.ndarray, options: residual.ResidualOptions
 ) -> tuple[residual.ResidualFit, np.ndarray]:
     """The kernel of one state, and the entries that are carried over.
 
     A misfit far beyond what its pixel is missed by in other photographs (a narrow highlight a pixel aside, somebody's
     shadow) may be gone under the next light; surface by surface left-out photographs say whether it is.
     """
-    misfit, slope, anchors = given.misfit, given.slope, given.anchors
-    fit = residual.choose_kernel(misfit, is_known, slope, anchors, options)
-    size = np.abs(misfit).mean(axis=2)
-    usual = np.nanmedian(np.where(is_known | ~is_known.any(axis=0), size, np.nan), axis=0)
-    is_passing = is_known & (size > PASSING * 1.4826 * np.maximum(usual, 0.01 * stage.white))
     num = stage.surfaces.num_surfaces
-    stays = residual.carries_over(misfit, is_known, is_passing, slope, anchors, fit, stage.surface, num)
+    fit = residual.choose_kernel(misfits, is_known, options)
+    size = np.abs(given.misfit).mean(axis=2)
+    usual = np.nanmedian(np.where(is_known | ~is_known.any(axis=0), size, np.nan), axis=0)
+    dark = 0.01 * stage.white / given.strength[:, None]  # for a light of strength 1, as the misfits are
+    is_passing = is_known & (size > PASSING * 1.4826 * np.maximum(usual, dark))
+    stays = residual.carries_over(misfits, is_known, is_passing, fit, stage.surface, num)
     used = is_known & ~(is_passing & ~stays[stage.surface])
-    return (fit, is_known) if stays.all() else (
-        residual.choose_kernel(misfit, used, slope, anchors, options, is_scored=is_known), used
-    )  # fmt: skip
+    return (fit, is_known) if stays.all() else (residual.choose_kernel(misfits, used, options, is_known), used)
+
+
+def _misfits_of(stage: Stage, given: _Misfits, is_known: np.ndarray) -> residual.Misfits:
+    """The misfits with the part of them that neighbouring pixels share, over some pixels of the picture."""
+    from scipy.ndimage import gaussian_filter
+
+    shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
+    shared, picture = np.empty_like(given.misfit), np.zeros(stage.camera.num_pixels, np.float32)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        picture[pixel] = values
+        return gaussian_filter(picture.reshape(shape), SHARED_PX).ravel()[pixel]
+
+    for photo, known in enumerate(is_known):
+        parts = np.maximum(spread(known.astype(np.float32)), 1e-6)
+        for color in range(3):
+            shared[photo, :, color] = spread(np.where(known, given.misfit[photo, :, color], 0.0)) / parts
+    return residual.Misfits(given.misfit, shared, given.slope, given.light, given.anchors)
 
 
 def _visible_gain(
     stage: Stage, observed: Observations, given: _Misfits, is_known: np.ndarray, fit: residual.ResidualFit
 ) -> float:
-    """What a state's residual gains in what a display shows, off outlines and borders where there is enough of that:
-    what these gain depends on the samples that they were cut into.
+    """What a state's residual gains in what a display shows.
+
+    Where all that is off the outlines and borders is explained as well as one can see, the mesh is right: what is missed
+    at these is how their pixels are cut into samples, and does not count.
     """
-    inside = is_known & given.is_judged
-    inside = inside if inside.sum() > 0.2 * is_known.sum() else is_known
-    options = replace(stage.options.residual, lengths_deg=(float(np.degrees(fit.length_rad)),), nuggets=(fit.nugget,))
-    alone = residual.choose_kernel(given.misfit, inside, given.slope, given.anchors, options)
     measured = observed.radiance[~observed.is_dark]
+    inside = is_known & given.is_judged
+    has_inside = inside.sum() > 0.2 * is_known.sum()
     before = _display_error(measured, given.misfit, given.strength, inside, stage.white)
+    if not has_inside or before > JUST_VISIBLE:
+        before = _display_error(measured, given.misfit, given.strength, is_known, stage.white)
+        return visible_gain_db(fit.gain_db, before)
+    options = replace(stage.options.residual, lengths_deg=(float(np.degrees(fit.length_rad)),), nuggets=(fit.nugget,))
+    alone = residual.choose_kernel(_misfits_of(stage, given, inside), inside, options)
     return visible_gain_db(alone.gain_db, before)
+
+
+def _with_outlines(stage: Stage, observed: Observations, model: RelightModel) -> RelightModel:
+    """The model with what a pixel shows where the mesh covers only a part of it: whatever misses the photographs less.
+
+    Black is right where the scene is photographed before nothing, or where such pixels have an albedo of the surface;
+    where they have one of their own, that has been fitted to what is behind as well.
+    """
+    from relight3d.forward import gather_pixels, shade_points
+    from relight3d.views import build_view
+
+    whole = build_view(stage.rays, replace(model, outlines_end="object"), stage.camera)
+    part = build_view(stage.rays, replace(model, outlines_end="black"), stage.camera)
+    is_part = (part.throughput < whole.throughput).any(axis=1)
+    pixels = np.unique(part.points.pixel[is_part])
+    chosen = np.flatnonzero(np.isin(part.points.pixel, pixels))
+    index = np.full(stage.camera.num_pixels, -1)
+    index[stage.points.pixel] = np.arange(len(stage.points))
+    rows = index[pixels]
+    views = {"object": whole.take(chosen), "black": part.take(chosen)}
+    lost = dict.fromkeys(views, 0.0)
+    for photo, lights in enumerate(observed.lights):
+        known = observed.weight[photo, rows] > 0
+        measured = displayed(observed.radiance[photo, rows[known]], stage.white)
+        for end, view in views.items():
+            shaded = shade_points(stage.rays, model, view, list(lights))
+            picture = sum(gather_pixels(model, view, list(lights), shaded))[pixels[known]] / observed.scale[photo]
+            lost[end] += float(np.sum((displayed(picture, stage.white) - measured) ** 2))
+    return replace(model, outlines_end="black" if lost["black"] < lost["object"] else "object")
 
 
 def _with_background(stage: Stage, observed: Observations, model: RelightModel) -> tuple[RelightModel, "View"]:

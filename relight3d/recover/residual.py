@@ -10,21 +10,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Bool, Float, Float64, Int32
 
 from relight3d.errors import InputError
 from relight3d.records import Residual
+
+MOST_LEVERAGE = 0.7  # of a photograph on the fits before the residual: beyond, no light is like its own
 
 
 @dataclass(frozen=True)
 class ResidualOptions:
     """How the misfit is carried over."""
 
-    lengths_deg: tuple[float, ...] = (8.0, 15.0, 30.0, 60.0)  # of the kernel, tried in turn
+    lengths_deg: tuple[float, ...] = (8.0, 15.0, 30.0, 60.0, 120.0)  # of the kernel, tried in turn
     nuggets: tuple[float, ...] = (0.02, 0.1, 0.4, 1.5)  # the part of the misfit that does not carry over
     max_modes: int = 16  # the misfits of all pixels are kept as combinations of so many
     energy: float = 0.995  # or of as many as hold this share of what is predicted
-    min_gain_db: float = 0.1  # of left-out photographs, for a state's misfit to be carried at all
+    min_gain_db: float = 0.25  # of left-out photographs, as a display shows it, for any misfit to be carried
+    min_state_gain_db: float = 0.1  # and for that of lit or dark pixels
 
     def __post_init__(self) -> None:
         if self.max_modes < 0:
@@ -38,6 +41,27 @@ class ResidualFit:
     length_rad: float
     nugget: float
     gain_db: float
+    is_shared: bool = False  # only what neighbouring pixels share carries over: the rest is noise
+
+
+@dataclass(frozen=True, eq=False)
+class Misfits:
+    """What photographs with a light are missed by, and what the fits that left it have taken of it."""
+
+    value: Float[np.ndarray, "photo point 3"]
+    shared: Float[np.ndarray, "photo point 3"]  # the part that neighbouring pixels share
+    slope: Float[np.ndarray, "photo point 3"]  # squared: what a display shows of a difference
+    light: Float[np.ndarray, "photo point"]  # what an albedo of the pixel's own is multiplied by; 0 where it has none
+    anchors: Float64[np.ndarray, "photo 3"]  # towards the lights
+
+    def sample(self, most: int) -> tuple["Misfits", Int32[np.ndarray, " sample"]]:
+        """Evenly spread points, at most so many, in float64; and which ones."""
+        num = self.value.shape[1]
+        take = np.linspace(0, num - 1, min(num, most)).astype(np.int32)
+        value, shared, slope, light = (
+            each[:, take].astype(np.float64) for each in (self.value, self.shared, self.slope, self.light)
+        )
+        return Misfits(value, shared, slope, light, self.anchors), take
 
 
 def kernel(a: Float64[np.ndarray, "light 3"], b: Float64[np.ndarray, "anchor 3"], length_rad: float) -> np.ndarray:
@@ -46,79 +70,105 @@ def kernel(a: Float64[np.ndarray, "light 3"], b: Float64[np.ndarray, "anchor 3"]
 
 
 def choose_kernel(
-    misfit: Float32[np.ndarray, "photo point 3"],
+    misfits: Misfits,
     is_known: Bool[np.ndarray, "photo point"],
-    slope: Float32[np.ndarray, "photo point 3"],
-    anchors: Float64[np.ndarray, "photo 3"],
     options: ResidualOptions,
     is_scored: Bool[np.ndarray, "photo point"] | None = None,
 ) -> ResidualFit:
     """Length and nugget with the least left-out error over a sample of points.
 
     `is_known` are the entries that others are predicted from, `is_scored` (default the same) those that must be
-    predicted. `slope` weighs an error by what a display shows of it.
+    predicted.
     """
-    is_scored = is_known if is_scored is None else is_scored
-    take = _sample(misfit.shape[1])
-    values, known = misfit[:, take].astype(np.float64), is_known[:, take]
-    scale = np.where(is_scored[:, take][..., None], slope[:, take], 0.0).astype(np.float64)
-    none = float((scale * values**2).sum())
+    some, take = misfits.sample(4000)
+    known, scored = is_known[:, take], (is_known if is_scored is None else is_scored)[:, take]
+    scale = np.where(scored[..., None], some.slope, 0.0)
+    none = float((scale * _deleted(some, known) ** 2).sum())
     best = ResidualFit(float(np.radians(options.lengths_deg[0])), options.nuggets[-1], 0.0)
     if none <= 0:
         return best
     for length_deg in options.lengths_deg:
         for nugget in options.nuggets:
-            trial = ResidualFit(float(np.radians(length_deg)), nugget, 0.0)
-            left_out = float((scale * _left_out_squares(values, known, anchors, trial)).sum())
-            gain = 10 * np.log10(none / max(left_out, 1e-30))
-            if gain > best.gain_db:
-                best = ResidualFit(trial.length_rad, nugget, float(gain))
+            for is_shared in (False, True):
+                trial = ResidualFit(float(np.radians(length_deg)), nugget, 0.0, is_shared)
+                left_out = float((scale * _left_out_squares(some, known, trial)).sum())
+                gain = 10 * np.log10(none / max(left_out, 1e-30))
+                if gain > best.gain_db:
+                    best = ResidualFit(trial.length_rad, nugget, float(gain), is_shared)
     return best
 
 
 def carries_over(
-    misfit: Float32[np.ndarray, "photo point 3"],
+    misfits: Misfits,
     is_known: Bool[np.ndarray, "photo point"],
     is_passing: Bool[np.ndarray, "photo point"],
-    slope: Float32[np.ndarray, "photo point 3"],
-    anchors: Float64[np.ndarray, "photo 3"],
     fit: ResidualFit,
     surface: Int32[np.ndarray, " point"],
     num_surfaces: int,
 ) -> Bool[np.ndarray, " surface"]:
     """Of each surface, whether left-out photographs are predicted better with its passing misfits than without them."""
-    take = _sample(misfit.shape[1], 16_000)
-    values, known = misfit[:, take].astype(np.float64), is_known[:, take]
-    scale = np.where(known[..., None], slope[:, take], 0.0)
+    some, take = misfits.sample(16_000)
+    known = is_known[:, take]
+    scale = np.where(known[..., None], some.slope, 0.0)
     totals = []
     for used in (known, known & ~is_passing[:, take]):
-        per_point = (scale * _left_out_squares(values, used, anchors, fit)).sum(axis=(0, 2))
+        per_point = (scale * _left_out_squares(some, used, fit)).sum(axis=(0, 2))
         totals.append(np.bincount(surface[take], per_point, num_surfaces))
     return totals[0] <= totals[1]
 
 
-def _sample(num_points: int, most: int = 4000) -> np.ndarray:
-    return np.linspace(0, num_points - 1, min(num_points, most)).astype(int)
+def _deleted(misfits: Misfits, known: np.ndarray) -> np.ndarray:
+    """The misfit of each entry, had its photograph been left out of the fits before: y_i / (1 - h_ii)."""
+    whole = _left_out_of_fits(misfits, np.zeros((len(misfits.anchors),) * 2))
+    return misfits.value + np.where(known[..., None], whole[0] + whole[1], 0.0)
 
 
-def _left_out_squares(values: np.ndarray, known: np.ndarray, anchors: np.ndarray, fit: ResidualFit) -> np.ndarray:
+def _left_out_of_fits(misfits: Misfits, weights: Float64[np.ndarray, "photo photo"]) -> tuple[np.ndarray, np.ndarray]:
+    """By how much more each entry is off when its photograph is left out of the fits before, where `weights` predict it
+    from the others: of its shared part, and of its own.
+
+    The fits have taken, of what pixels share, all that is linear in the light, which looks like indirect light; and of
+    what is a pixel's own whatever is in proportion to its light, which looks like albedo.
+    """
+    num = len(misfits.anchors)
+    functions = np.column_stack([np.ones(num), *(misfits.anchors.T if num >= 6 else ())])
+    hat = functions @ np.linalg.pinv(functions)
+    room = 1.0 - np.minimum(np.diag(hat), MOST_LEVERAGE)
+    by_photo = (1.0 - (weights * hat).sum(axis=1)) / room - 1.0
+    light = misfits.light
+    total = np.maximum((light**2).sum(axis=0), 1e-30)
+    room = 1.0 - np.minimum(light**2 / total, MOST_LEVERAGE)
+    by_entry = (1.0 - light * (weights @ light) / total) / room - 1.0
+    return by_photo[:, None, None] * misfits.shared, by_entry[..., None] * (misfits.value - misfits.shared)
+
+
+def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit) -> np.ndarray:
     """Squared error of every entry as the others predict it, capped at four times its own square.
 
     A left-out prediction of kriging is off by (K^-1 r)_i / (K^-1)_ii, the unknown entries being what the known ones
-    predict; an unknown entry is off by its difference from that.
+    predict; an unknown entry is off by its difference from that. But the misfits are what fits to all photographs left:
+    of few photographs so little that they no longer resemble their neighbours. So photograph i is left out of these
+    fits, too: it is missed by y_i / (1 - h_ii), and the others by h_ij / (1 - h_ii) y_i more.
     """
-    covariance = kernel(anchors, anchors, fit.length_rad)
-    inverse = np.linalg.inv(covariance + fit.nugget * np.eye(len(anchors)))
-    filled = _filled(np.where(known[..., None], values, 0.0), known, covariance @ inverse)
-    left_out = (inverse @ filled.reshape(len(values), -1) / np.diag(inverse)[:, None]).reshape(values.shape)
-    errors = np.where(known[..., None], left_out, values - filled)
-    return np.minimum(errors**2, 4.0 * values**2 + 1e-12)
+    covariance = kernel(misfits.anchors, misfits.anchors, fit.length_rad)
+    inverse = np.linalg.inv(covariance + fit.nugget * np.eye(len(covariance)))
+    given = misfits.shared if fit.is_shared else misfits.value
+    filled = _filled(np.where(known[..., None], given, 0.0), known, covariance @ inverse)
+    left_out = (inverse @ filled.reshape(len(given), -1) / np.diag(inverse)[:, None]).reshape(given.shape)
+    weights = -inverse / np.diag(inverse)[:, None]
+    np.fill_diagonal(weights, 0.0)
+    shared, own = _left_out_of_fits(misfits, weights)
+    deleted = _deleted(misfits, known)
+    if fit.is_shared:
+        none = np.zeros_like(weights)
+        own = misfits.value - misfits.shared + _left_out_of_fits(misfits, none)[1]
+    errors = np.where(known[..., None], left_out + shared + own, misfits.value - filled)
+    return np.minimum(errors**2, 4.0 * deleted**2 + 1e-12)
 
 
 def fit_residual(
-    misfit: Float32[np.ndarray, "photo point 3"],
+    misfits: Mapping[str, Misfits],
     states: Mapping[str, Bool[np.ndarray, "photo point"]],
-    anchors: Float64[np.ndarray, "photo 3"],
     fits: Mapping[str, ResidualFit],
     options: ResidualOptions,
 ) -> Residual:
@@ -127,10 +177,12 @@ def fit_residual(
     `states` are the known entries "lit" and "dark", `fits` the kernel of each; a state whose kernel gains nothing gets
     no modes.
     """
-    parts = {}
+    parts, anchors = {}, misfits["lit"].anchors
     for name in ("lit", "dark"):
-        worth = fits[name].gain_db > options.min_gain_db
-        parts[name] = _modes(misfit, states[name], anchors, fits[name], options if worth else None)
+        fit, of_state = fits[name], misfits[name]
+        worth = fit.gain_db > options.min_state_gain_db
+        misfit = of_state.shared if fit.is_shared else of_state.value
+        parts[name] = _modes(misfit, states[name], anchors, fit, options if worth else None)
     return Residual(
         parts["lit"][0], parts["lit"][1], parts["dark"][0], parts["dark"][1], anchors,
         fits["lit"].length_rad, fits["dark"].length_rad,

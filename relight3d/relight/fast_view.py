@@ -172,7 +172,8 @@ class _Looker:
     def _list(self, tile: _Tile, first: np.ndarray, listed: Listed) -> None:
         given = (tile.seats.start, tile.seats.stop, *self._size, self._rays.face)
         begins = (int(first[0]), int(first[1]), int(first[2]))
-        outline_kernels.list_points(*given, tile.cut, self.options.edge_samples, tile.begin, *begins, listed)
+        into = (self.options.edge_samples, self.model.outlines_end == "black")
+        outline_kernels.list_points(*given, tile.cut, *into, tile.begin, *begins, listed)
 
     def _pack(self, looked: list[_Tile], firsts: np.ndarray, listed: Listed) -> Packed:
         """What frames read of the points."""

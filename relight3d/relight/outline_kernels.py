@@ -123,10 +123,11 @@ def count_points(first, last, face, cut, num_each, begin):
 
 
 @compiled
-def list_points(first, last, width, height, face, cut, num_each, begin, p, rank, lost, listed):
+def list_points(first, last, width, height, face, cut, num_each, ends_in_black, begin, p, rank, lost, listed):
     """The points of seats first..last, written from point `p`, `rank` and `lost` ray on.
 
-    Seats listed in `cut` have `num_each` rays in place of one, from `begin` on, if any of them meets the mesh.
+    Seats listed in `cut` have `num_each` rays in place of one, from `begin` on, if any of them meets the mesh. Those that
+    do share the pixel, or with `ends_in_black` have their part of it.
     """
     blocks_wide, k = -(-width // BLOCK), 0
     for begin_block in range(first, last, WIDTH):
@@ -139,6 +140,7 @@ def list_points(first, last, width, height, face, cut, num_each, begin, p, rank,
                     met, found = _ends(face, begin + k * num_each, num_each)
                     if met > 0:
                         ray, num = begin + k * num_each, num_each
+                        met = num_each if ends_in_black else met
                     else:
                         met, found = 1, 1
                     k += 1

@@ -8,11 +8,9 @@ import numpy as np
 from relight3d.evaluate.scenes import Material, Scene, hemisphere_lights, scene_camera
 from relight3d.evaluate.shapes import box, joined, sphere, transformed
 from relight3d.evaluate.synthetic import synthesize
-from relight3d.evaluate.world import World
 from relight3d.records import Capture, RelightModel
 from relight3d.recover.mesh import MeshOptions
 from relight3d.recover.run import RecoverOptions, recover
-from relight3d.shading import points_seen, ray_scene
 from tests.scenes import HEIGHT, WIDTH, desk_capture
 
 QUICK = RecoverOptions(mesh=MeshOptions(target_faces=2000), num_rounds=1, num_alternations=2)
@@ -43,18 +41,12 @@ def plain_capture(size: int = 1) -> Capture:
     camera = scene_camera(size * WIDTH, size * HEIGHT)
     fine = Scene(joined(parts), materials, scene_camera(4 * camera.width, 4 * camera.height))
     capture = synthesize(fine, hemisphere_lights(12, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
-    is_hit = points_seen(ray_scene(World(fine).mesh), World(fine).mesh, fine.camera).pixel
-    covered = np.zeros(fine.camera.num_pixels, np.float32)
-    covered[is_hit] = 1.0
-    share = _means(covered.reshape(4 * camera.height, 4 * camera.width, 1))
-    photographs = tuple(
-        replace(p, camera=camera, pixels=_means(p.pixels) / np.maximum(share, 1 / 16)) for p in capture.photographs
-    )
+    photographs = tuple(replace(p, camera=camera, pixels=_means(p.pixels)) for p in capture.photographs)
     return replace(capture, camera=camera, photographs=photographs)
 
 
 def _means(picture: np.ndarray) -> np.ndarray:
-    """What misses the mesh is black, and no part of a pixel: the means are divided by what is covered."""
+    """Means of 4 x 4 pixels; what misses the mesh is black, and a part of them."""
     height, width = picture.shape[0] // 4, picture.shape[1] // 4
     return picture.reshape(height, 4, width, 4, -1).mean(axis=(1, 3))
 

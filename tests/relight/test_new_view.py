@@ -27,8 +27,9 @@ def in_order(view: View) -> np.ndarray:
 
 @pytest.mark.parametrize("options", [ViewOptions(), ViewOptions(1, 2), ViewOptions(9, 0), ViewOptions(4, 1)], ids=str)
 @pytest.mark.parametrize("size", [(64, 48), (61, 47)], ids=str)
-def test_all_it_tells_is_the_reference(options: ViewOptions, size: tuple[int, int]) -> None:
-    model = models.full()
+@pytest.mark.parametrize("beside", ["object", "black"])
+def test_all_it_tells_is_the_reference(options: ViewOptions, size: tuple[int, int], beside: str) -> None:
+    model = replace(models.full(), outlines_end=beside)
     camera, scene = models.other_camera(model).resized(*size), ray_scene(model.mesh)
     got, wanted = build_fast_view(scene, model, camera, options), build_view(scene, model, camera, options)
     ours, theirs = in_order(got), in_order(wanted)

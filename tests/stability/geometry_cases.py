@@ -171,7 +171,7 @@ def _in_other_unit(size: float) -> Outcome:
     light, lamp = near.split("test")[0].lights[0], scaled.split("test")[0].lights[0]
     # Nothing in the method has a length of its own; what is left is the rounding of rays and of the mesh's cuts.
     difference = relative(frame(model, lamp), frame(wanted, light))
-    assert difference < 2e-3, difference
+    assert difference < 1e-4, difference
     return outcome(model, held_out_error(model, scaled), f"frames differ by {difference:.1e}")
 
 

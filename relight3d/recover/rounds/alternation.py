@@ -65,7 +65,8 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     )
     if stage.options.texture.method == "reciprocal":
         albedo = texture.by_reciprocals(target, weight, direct, stage.points.face, albedo)
-    information = information * edge_trust(observed)
+    # The weights trust an outline little, so that it decides nothing; its own albedo it may have all the same.
+    of_its_own, information = information / edge_trust(observed), information * edge_trust(observed)
     if is_first:
         fitted = replace(fitted, is_textured=neighbours_differ(stage, observed, albedo, num))
     if judges_texture:
@@ -75,7 +76,7 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     mean = surface_medians(albedo, information, owner, num_owners)
     # A pixel that was lit faintly, or only grazed, leans on its surface's mean.
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
-    told = fitted.is_textured[stage.surface][:, None] * information**2 / (information**2 + faint**2)
+    told = fitted.is_textured[stage.surface][:, None] * of_its_own**2 / (of_its_own**2 + faint**2)
     relative = (1.0 + told * (albedo / np.maximum(mean[owner], 1e-6) - 1.0)).astype(np.float32)
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
     border = diffuse.border_albedo(known.pairs, observed, target, known.smooth, relative, owner, num_owners, options)
