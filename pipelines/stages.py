@@ -15,6 +15,7 @@ from relight3d.io.capture import load_capture
 from relight3d.io.stage_file import kept
 from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
 from relight3d.recover import assemble, leftover, visibility
+from relight3d.recover.candidates import accepted_mirrors, find_surfaces, test_mirrors
 from relight3d.recover.mesh import prepare_mesh
 from relight3d.recover.mirror import EdgeTest
 from relight3d.recover.rounds.alternation import alternate
@@ -22,12 +23,7 @@ from relight3d.recover.rounds.gloss import fit_gloss
 from relight3d.recover.rounds.reflections import fit_mirrors
 from relight3d.recover.rounds.relief import fit_detail
 from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
-from relight3d.recover.run import (
-    RecoverOptions,
-    accepted_mirrors,
-    find_surfaces,
-    test_mirrors,
-)
+from relight3d.recover.run import Clock, RecoverOptions, first_fit
 from relight3d.recover.training import Training, read_training
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
@@ -99,7 +95,11 @@ class Stages:
     @cached_property
     def mirrors_found(self) -> tuple[Mirror, ...]:
         """The surfaces accepted as mirrors, before their reflectance is known."""
-        return accepted_mirrors(self.mesh, self.points, self.surfaces, self.mirror_tests, self.options)
+        likely = accepted_mirrors(self.mesh, self.points, self.surfaces, self.mirror_tests, self.options)
+        if all(t.is_sure(self.options.mirror) for t in self.mirror_tests if t.surface in {m.surface for m in likely}):
+            return likely
+        given = (self.capture.camera, self.mesh, self.rays, self.points, self.surfaces, self.photographs)
+        return first_fit(self.options, *given, likely, self.mirror_tests, Clock(None, 1)).mirrors
 
     @cached_property
     def observed(self) -> Observations:

@@ -3,7 +3,8 @@
 The prediction needs no material: where the reflected rays of neighbouring pixels meet different surfaces, or the same
 one across a crease or a jump in depth, a mirror shows an edge. The edges found are Sobel's, on compressed radiance,
 averaged over the photographs so that shadows, which move, fade and edges, which stay, remain. The surface is a mirror
-when the two correlate, and correlate better than when the prediction is shifted.
+when the two correlate, and correlate better than when the prediction is shifted. Where they do so faintly (few or small
+things to be seen in it), what it would reflect of the scene as first fitted must explain what it shows.
 """
 
 from dataclasses import dataclass
@@ -25,8 +26,11 @@ from relight3d.tracing import RayScene
 class MirrorOptions:
     """When a surface is believed to be a mirror."""
 
-    min_score: float = 0.3  # correlation of predicted and found edges
-    min_lead: float = 0.12  # over the best shifted prediction, which stands for chance
+    min_score: float = 0.15  # correlation of predicted and found edges, for a surface to be tried as a mirror
+    min_lead: float = 0.04  # over the best shifted prediction, which stands for chance
+    sure_score: float = 0.3  # a mirror, whatever it may show beside the mesh
+    sure_lead: float = 0.12
+    min_explained: float = 0.7  # of what varies, by the reflection: for a mirror whose edges are not sure
     min_pixels: int = 150  # a smaller surface shows too few edges
     max_bend_deg: float = 25.0  # between normals of one gently curved mirror
     plane_deg: float = 1.0  # scatter of normals below which it is a plane
@@ -47,8 +51,12 @@ class EdgeTest:
     found: Float32[np.ndarray, "height width"]
 
     def passes(self, options: MirrorOptions) -> bool:
-        """Whether the surface is accepted as a mirror."""
+        """Whether the surface is tried as a mirror."""
         return self.score >= options.min_score and self.score - self.chance >= options.min_lead
+
+    def is_sure(self, options: MirrorOptions) -> bool:
+        """Whether the edges alone make it one."""
+        return self.score >= options.sure_score and self.score - self.chance >= options.sure_lead
 
 
 def edge_test(

@@ -10,23 +10,26 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
-from relight3d.effects import forced_states, parse_force
+from relight3d.camera import Camera
+from relight3d.effects import parse_force
 from relight3d.errors import InputError
 from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
-from relight3d.recover import diffuse, mirror, surfaces, visibility
+from relight3d.recover import visibility
 from relight3d.recover.assemble import assemble, summary
 from relight3d.recover.bounce import BounceOptions
+from relight3d.recover.candidates import accepted_mirrors, find_surfaces, test_mirrors
 from relight3d.recover.detail import DetailOptions
 from relight3d.recover.diffuse import DiffuseOptions
 from relight3d.recover.indirect import IndirectOptions
 from relight3d.recover.leftover import with_residual
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
-from relight3d.recover.mirror import MirrorOptions
+from relight3d.recover.mirror import EdgeTest, MirrorOptions
 from relight3d.recover.residual import ResidualOptions
 from relight3d.recover.rounds.alternation import alternate
 from relight3d.recover.rounds.gloss import fit_gloss
-from relight3d.recover.rounds.reflections import fit_mirrors
+from relight3d.recover.rounds.reflections import fit_mirrors, proven_mirrors
 from relight3d.recover.rounds.relief import fit_detail
 from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
 from relight3d.recover.specular import SpecularOptions
@@ -100,17 +103,12 @@ def recover(
         photographs = read_training(capture, mesh, points)
     with clock.stage("surfaces"):
         found = find_surfaces(capture, mesh, rays, points, photographs, options)
-        surface = found.surface_of_face[points.face]
     with clock.stage("mirrors"):
         tests = test_mirrors(capture, mesh, rays, points, found, photographs, options)
         mirrors = accepted_mirrors(mesh, points, found, tests, options)
-    with clock.stage("visibility"):
-        observed = visibility.observe(
-            rays, mesh, points, capture.camera, photographs.radiance, photographs.is_valid, photographs.lights,
-            options.visibility, mirrors, found.surface_of_face, surface,
-        )  # fmt: skip
-    stage = set_stage(options, mesh, rays, capture.camera, points, found, mirrors, observed, photographs.exposure)
-    fitted, mirrors, lost = _fit(stage, observed, mirrors, clock)
+    first = first_fit(options, capture.camera, mesh, rays, points, found, photographs, mirrors, tests, clock)
+    stage, observed = first.stage, first.observed
+    fitted, mirrors, lost = _fit(stage, observed, first.mirrors, first.fitted, clock)
     observed = without_blocked(observed, fitted)
     with clock.stage("residual"):
         model = assemble(stage, observed, mirrors, fitted, tests, photographs.exposure)
@@ -122,14 +120,48 @@ def recover(
     return replace(model, seconds=clock.seconds, warnings=(*model.warnings, *given_up(options.budget_s, lost)))
 
 
+class FirstFit(NamedTuple):
+    """The first alternation, and the mirrors that it has proven."""
+
+    stage: Stage
+    observed: Observations
+    mirrors: tuple[Mirror, ...]
+    fitted: Fitted
+
+
+def first_fit(
+    options: RecoverOptions,
+    camera: Camera,
+    mesh: PatchMesh,
+    rays: RayScene,
+    points: ShadingPoints,
+    found: Surfaces,
+    photographs: Training,
+    mirrors: tuple[Mirror, ...],
+    tests: list[EdgeTest],
+    clock: "Clock",
+) -> FirstFit:
+    """Visibility and the first alternation; once more where something that was taken for a mirror turns out to be none."""
+    while True:
+        with clock.stage("visibility"):
+            observed = visibility.observe(
+                rays, mesh, points, camera, photographs.radiance, photographs.is_valid, photographs.lights,
+                options.visibility, mirrors, found.surface_of_face, found.surface_of_face[points.face],
+            )  # fmt: skip
+        stage = set_stage(options, mesh, rays, camera, points, found, mirrors, observed, photographs.exposure)
+        with clock.stage(FIRST_FIT):
+            fitted = alternate(stage, observed, mirrors, start(stage, observed))
+            proven = proven_mirrors(stage, observed, mirrors, fitted, tests)
+        if len(proven) == len(mirrors):
+            return FirstFit(stage, observed, mirrors, fitted)
+        mirrors = proven
+
+
 def _fit(
-    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], clock: "Clock"
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, clock: "Clock"
 ) -> tuple[Fitted, tuple[Mirror, ...], list[str]]:
-    """The first alternation and the rounds, as far as time and error ask for them; and what there was no time for."""
-    options, error = stage.options, None
-    with clock.stage(FIRST_FIT):
-        fitted = alternate(stage, observed, mirrors, start(stage, observed))
-        observed = without_blocked(observed, fitted)
+    """The rounds after the first fit, as far as time and error ask for them; and what there was no time for."""
+    options, error, observed = stage.options, None, without_blocked(observed, fitted)
     # A round is lobes, detail and an alternation: until one is timed, it is taken for two alternations. The last stage
     # takes about one.
     last_s = clock.seconds[FIRST_FIT]
@@ -183,60 +215,3 @@ class Clock:
         log.info("%s: %.2f s", name, self.seconds[name])
         if self._progress is not None:
             self._progress(name, min(1.0, len(self.seconds) / self._num_stages))
-
-
-def find_surfaces(
-    capture: Capture,
-    mesh: PatchMesh,
-    rays: RayScene,
-    points: ShadingPoints,
-    photographs: Training,
-    options: RecoverOptions,
-) -> Surfaces:
-    """The mesh's own labels when it has them, else regions of one material from a first, rough albedo."""
-    found = surfaces.surfaces_from_labels(mesh) if options.use_labels else None
-    if found is not None:
-        return found
-    rough = visibility.observe(
-        rays, mesh, points, capture.camera, photographs.radiance, photographs.is_valid, photographs.lights,
-        options.visibility,
-    )  # fmt: skip
-    weight = rough.weight * rough.is_safe * ~rough.is_highlight
-    guess, information = diffuse.pixel_albedo(rough, rough.radiance, weight, rough.form, None)
-    return surfaces.surfaces_from_photographs(
-        mesh, points, capture.camera, guess, information.mean(axis=1), options.surfaces
-    )
-
-
-def test_mirrors(
-    capture: Capture,
-    mesh: PatchMesh,
-    rays: RayScene,
-    points: ShadingPoints,
-    found: Surfaces,
-    photographs: Training,
-    options: RecoverOptions,
-) -> list[mirror.EdgeTest]:
-    """The edge test of every surface that is large and flat enough for one."""
-    surface = found.surface_of_face[points.face]
-    tests = [
-        mirror.edge_test(
-            rays, mesh, points, surface, found.surface_of_face, capture.camera, photographs.radiance, s, options.mirror
-        )
-        for s in range(found.num_surfaces)
-    ]
-    return [t for t in tests if t is not None]
-
-
-def accepted_mirrors(
-    mesh: PatchMesh, points: ShadingPoints, found: Surfaces, tests: list[mirror.EdgeTest], options: RecoverOptions
-) -> tuple[Mirror, ...]:
-    """The surfaces that pass the edge test, or that a person says are mirrors; their reflectance is fitted later."""
-    surface, forced, mirrors = found.surface_of_face[points.face], forced_states(found.names, options.force), []
-    for t in tests:
-        if forced.get(("mirror", t.surface), t.passes(options.mirror)):
-            own = points.take(surface == t.surface)
-            one = mirror.mirror_of(mesh, found.surface_of_face, t.surface, own, t.score, options.mirror)
-            throws = one.is_plane and forced.get(("thrown", t.surface), one.throws_light)
-            mirrors.append(replace(one, throws_light=throws))
-    return tuple(mirrors)

@@ -39,6 +39,21 @@ def fit_mirrors(
     return tuple(found), replace(fitted, evidence=evidence)
 
 
+def proven_mirrors(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, tests: list[mirror.EdgeTest]
+) -> tuple[Mirror, ...]:
+    """The mirrors whose edges are sure, that a person forces, or that show what they reflect of the scene so far."""
+    options = stage.options.mirror
+    doubtful = {t.surface for t in tests if not t.is_sure(options) and ("mirror", t.surface) not in stage.forced}
+    if not doubtful & {one.surface for one in mirrors}:
+        return mirrors
+    evidence = fit_mirrors(stage, observed, mirrors, fitted)[1].evidence
+    min_gain_db = -10 * np.log10(1.0 - options.min_explained)
+    return tuple(
+        m for m in mirrors if m.surface not in doubtful or evidence["mirror", m.surface].gain_db >= min_gain_db
+    )
+
+
 def provisional_model(
     stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
 ) -> RelightModel:
