@@ -3,10 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32
+from jaxtyping import Float32, Int32
 
 from relight3d.lights import FAR, Light
 from relight3d.maths.light_basis import evaluate_basis, within_reach
+from relight3d.maths.pixel_parts import FULL, HALVINGS, PLACES, own_part
 from relight3d.records import Lighting, RelightModel
 from relight3d.shading import (
     cast_light,
@@ -17,7 +18,7 @@ from relight3d.shading import (
     residual_kernel,
 )
 from relight3d.tracing import RayScene
-from relight3d.views import BORDER_PATTERN, View
+from relight3d.views import View
 
 
 class Shaded(NamedTuple):
@@ -49,8 +50,8 @@ def shade_points(
         rays, thrown_rays = rays + lit.num_rays, thrown_rays + lit.num_thrown_rays
         seen[index], form = lit.is_lit, lit.form
         if shadows and borders:
-            on_border, fraction = border_fractions(scene, view, light, lit)
-            border_rays += len(BORDER_PATTERN) * len(on_border)
+            on_border, fraction, num = border_fractions(scene, view, light, lit)
+            border_rays += num
             form = form.copy()
             form[on_border] = fraction * unshadowed_form(view, light, on_border)
             seen[index, on_border] = fraction
@@ -67,34 +68,41 @@ def shade_points(
     return Shaded(direct, specular, indirect, seen, rays, thrown_rays, border_rays)
 
 
-def shadow_borders(view: View, lit: Lighting) -> Bool[np.ndarray, " point"]:
-    """Points that face the light and have a neighbour in the picture that faces it too and is in the other state."""
+def shadow_borders(view: View, lit: Lighting) -> tuple[Int32[np.ndarray, " pair"], ...]:
+    """Neighbours in the picture that both face the light and are in different states: the lit point of each pair, the dark
+    one, and which neighbour of the lit one that is.
+    """
     faces = (lit.cosine > 0) & (np.einsum("pi,pi->p", view.points.geometric_normal, lit.to_light) > 0)
-    border = np.zeros(len(view.points), bool)
-    for k in range(4):
-        other = view.neighbour[:, k]
-        there = np.maximum(other, 0)
-        border |= (other >= 0) & faces & faces[there] & (lit.is_lit != lit.is_lit[there])
-    return border
+    dark = np.append(faces & ~lit.is_lit, False)  # the last one for no neighbour
+    point, way = np.nonzero(lit.is_lit[:, None] & dark[view.neighbour])
+    return point.astype(np.int32), view.neighbour[point, way], way.astype(np.int32)
 
 
 def border_fractions(
     scene: RayScene, view: View, light: Light, lit: Lighting
-) -> tuple[np.ndarray, Float32[np.ndarray, " border"]]:
-    """Points on shadow borders, and the share of each one's pixel that sees the light, from four rays about its centre.
+) -> tuple[np.ndarray, Float32[np.ndarray, " border"], int]:
+    """Points on shadow borders, the share of each one's pixel that sees the light, and the rays it took.
 
-    A photograph's pixel mixes the two sides of a border; one ray through its centre takes a side.
+    A photograph's pixel mixes the two sides of a border; one ray through its centre takes a side. Rays between the two
+    centres place the edge by halving; what of each pixel lies beside it is an area.
     """
-    border = np.flatnonzero(shadow_borders(view, lit))
-    total = np.zeros(len(border), np.float32)
-    points = view.points
-    for dx, dy in BORDER_PATTERN:
-        moved = points.position[border] + dx * view.step[border, 0] + dy * view.step[border, 1]
+    one, other, way = shadow_borders(view, lit)
+    points, axis, sign = view.points, way // 2, np.float32(1) - 2 * (way % 2)
+    place = np.zeros(len(one), np.int32)
+    for k in range(HALVINGS if len(one) else 0):
+        half = PLACES >> (k + 1)
+        part = (sign * ((place + half) / PLACES)).astype(np.float32)
+        moved = points.position[one] + part[:, None] * view.step[one, axis]
         to_light, _, distance = light.incident(moved)
-        limit = None if len(distance) == 0 or distance[0] >= FAR else distance - 2 * scene.offset_distance
-        origins = scene.offset(moved, points.geometric_normal[border])
-        total += ~scene.is_blocked(origins, to_light[:1] if limit is None and len(border) else to_light, limit)
-    return border, total / np.float32(len(BORDER_PATTERN))
+        limit = None if distance[0] >= FAR else distance - 2 * scene.offset_distance
+        origins = scene.offset(moved, points.geometric_normal[one])
+        place[~scene.is_blocked(origins, to_light[:1] if limit is None else to_light, limit)] += half
+    edges = np.zeros((len(points), 4), np.uint8)
+    edges[one, way], edges[other, way ^ 1] = place + 1, PLACES - place
+    border = np.flatnonzero(edges.any(axis=1))
+    own = own_part(edges[border])
+    seen = np.where(lit.is_lit[border], own, FULL - own)
+    return border, (seen / np.float32(FULL)).astype(np.float32), HALVINGS * len(one)
 
 
 def unshadowed_form(view: View, light: Light, index: np.ndarray) -> Float32[np.ndarray, " index"]:

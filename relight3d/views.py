@@ -17,8 +17,6 @@ from relight3d.records import RelightModel, ShadingPoints
 from relight3d.shading import points_mirrored, points_seen, reflected
 from relight3d.tracing import RayScene
 
-BORDER_PATTERN = np.array([(-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125)], np.float32)
-
 
 @dataclass(frozen=True)
 class ViewOptions:

@@ -6,9 +6,10 @@ Two threads that change places at the interpreter's lock between short loops los
 import numba
 import numpy as np
 
+from relight3d.maths.pixel_parts import HALVINGS, PLACES
 from relight3d.packets import occluded
 from relight3d.relight.kernels import AT_INFINITY, KIND
-from relight3d.relight.ray_kernels import rays_to_light, settle
+from relight3d.relight.ray_kernels import ask_borders, narrow_borders, rays_to_light, settle
 
 
 @numba.njit(nogil=True, cache=True)
@@ -28,3 +29,16 @@ def cast_listed(packets, light, position, geometric, offset, index, state, seen)
     rays_to_light(light, position, geometric, offset, index, origins, ways, limits)
     trace(packets, light, origins, ways, limits, blocked)
     settle(index, blocked, state, seen)
+
+
+@numba.njit(nogil=True, cache=True)
+def place_borders(packets, light, position, geometric, step, offset, pairs, place):
+    """Where the edge runs between the two points of each pair, by halving, written to `place`."""
+    origins, ways = np.empty((len(pairs), 3), np.float32), np.empty((len(pairs), 3), np.float32)
+    limits, blocked = np.empty(len(pairs), np.float32), np.empty(len(pairs), np.bool_)
+    place[:] = 0
+    for k in range(HALVINGS):
+        half = PLACES >> (k + 1)
+        ask_borders(light, position, geometric, step, offset, pairs, place, half, origins, ways, limits)
+        trace(packets, light, origins, ways, limits, blocked)
+        narrow_borders(blocked, half, place)

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
+from relight3d.maths.pixel_parts import HALVINGS, PLACES
 from relight3d.relight import cast_kernels, ray_kernels
 from relight3d.relight.kernels import AT_INFINITY, KIND
 from relight3d.tracing import NO_LIMITS, RayScene
@@ -28,6 +29,29 @@ def cast_listed(
     block(scene, light, *rays, blocked)
     ray_kernels.settle(index, blocked, state, seen)
     return len(index)
+
+
+def place_borders(
+    scene: RayScene,
+    light: Float32[np.ndarray, "1 row"],
+    position: Float32[np.ndarray, "3 point"],
+    geometric: Float32[np.ndarray, "3 point"],
+    step: Float32[np.ndarray, "pair 2 3"],
+    pairs: Int32[np.ndarray, "pair 3"],
+) -> Int32[np.ndarray, " pair"]:
+    """Where the shadow's edge runs between the two points of each pair (forward.border_fractions)."""
+    packets, place = scene.packets, np.zeros(len(pairs), np.int32)
+    given = (light, position, geometric, step, np.float32(scene.offset_distance), pairs, place)
+    if packets is not None:
+        cast_kernels.place_borders((packets.occluded, packets.scene, packets.arguments), *given)
+        return place
+    rays, blocked = room(len(pairs)), np.empty(len(pairs), bool)
+    for k in range(HALVINGS):
+        half = PLACES >> (k + 1)
+        ray_kernels.ask_borders(*given, half, *rays)
+        block(scene, light, *rays, blocked)
+        ray_kernels.narrow_borders(blocked, half, place)
+    return place
 
 
 def block(scene: RayScene, light: np.ndarray, origins, ways, limits, blocked) -> None:

@@ -16,7 +16,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-FULL = 252  # `seen` of a lit point: divisible by 4, so that a border's quarters are exact
+from relight3d.maths.pixel_parts import FULL as FULL  # `seen` of a lit point
+
 # Helpers are inlined whatever their size and nothing is reference-counted (kernels own no array): handing a dozen
 # arrays to a function at every point took ten times as long as shading it.
 # A division by zero is not asked about either, which would keep loops out of vector registers.

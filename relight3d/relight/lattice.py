@@ -5,23 +5,24 @@ from jaxtyping import Int32, UInt8
 
 from relight3d.relight import lattice_kernels
 from relight3d.relight.anchors import Anchors
+from relight3d.relight.borders import Borders, Pairs
 from relight3d.relight.buffers import Buffers
-from relight3d.relight.casting import block, cast_listed, room
+from relight3d.relight.casting import cast_listed
 from relight3d.relight.tiles import tiles
 from relight3d.tracing import RayScene, over_threads
 
-EDGE_RAYS = 3  # between a lit and a dark neighbour: they place the edge to a quarter of a pixel
 MIN_LISTED = 1024  # a smaller tile of anchors is not worth a thread
 
 
 class Lattice:
     """The shadow rays of one view on its anchors."""
 
-    def __init__(self, scene: RayScene, buffers: Buffers, anchors: Anchors, ground: np.ndarray) -> None:
+    def __init__(
+        self, scene: RayScene, buffers: Buffers, anchors: Anchors, ground: np.ndarray, borders: Borders
+    ) -> None:
         self._scene, self._buffers, self._anchors, self._ground = scene, buffers, anchors, ground
-        self._offset = np.float32(scene.offset_distance)
+        self._borders = borders
         self._state = np.zeros(len(buffers), np.uint8)
-        self._nearness = np.zeros((len(buffers), 2), np.float32)
         self._geometry = (buffers.position, buffers.geometric_normal, buffers.normal)
         at = anchors.traced
         position, geometric, normal = (np.ascontiguousarray(plane[:, at]) for plane in self._geometry)
@@ -42,13 +43,7 @@ class Lattice:
         traced = over_threads(lambda task: self._spread(light, task[0], task[1], states, seen), work)
         lattice_kernels.follow(a.loose, a.lead, self._state, seen)
         num += sum(len(index) for index in traced)
-        if not has_borders or not traced:
-            return num, 0
-        found = over_threads(lambda index: self._cast_crossings(light, index), traced)
-        # All at once: a pixel's two edges may come from two threads.
-        pairs, blocked = (np.concatenate(each) for each in zip(*found))
-        lattice_kernels.settle_crossings(pairs, blocked, EDGE_RAYS, self._nearness, seen)
-        return num, len(blocked)
+        return num, self._borders.cast(light, self._find_borders, traced, seen) if has_borders else 0
 
     def _cast_traced(self, light: np.ndarray, part: slice, seen: np.ndarray) -> int:
         index, ends = np.empty(part.stop - part.start + 1, np.int32), (part.start, part.stop)
@@ -72,11 +67,6 @@ class Lattice:
         cast_listed(self._scene, light, b.position, b.geometric_normal, index, self._state, seen)
         return index
 
-    def _cast_crossings(self, light: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        b, pairs = self._buffers, np.empty((4 * len(index) + 1, 3), np.int32)
-        pairs = pairs[: lattice_kernels.find_crossings(b.neighbour, self._state, index, pairs)]
-        rays, blocked = room(EDGE_RAYS * len(pairs)), np.empty(EDGE_RAYS * len(pairs), bool)
-        place = (b.position, b.geometric_normal, b.steps(pairs[:, 0]), self._offset, EDGE_RAYS)
-        lattice_kernels.ask_crossings(light, *place, pairs, *rays)
-        block(self._scene, light, *rays, blocked)
-        return pairs, blocked
+    def _find_borders(self, index: Int32[np.ndarray, " ray"]) -> Pairs:
+        pairs = np.empty((4 * len(index) + 1, 3), np.int32)
+        return pairs[: lattice_kernels.find_borders_among(self._buffers.neighbour, self._state, index, pairs)]

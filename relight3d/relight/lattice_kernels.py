@@ -1,4 +1,4 @@
-"""The compiled loops of shadows on a lattice: which points take their anchors' state, and where a shadow's edge runs.
+"""The compiled loops of shadows on a lattice: which points take their anchors' state, and which neighbours differ.
 
 Each walks a slice and holds no lock. States are those of ray_kernels; a state that was read off anchors, not traced, has
 the bit READ as well.
@@ -6,11 +6,10 @@ the bit READ as well.
 
 import numpy as np
 
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, ONE, compiled, dot, incident, inlined
+from relight3d.relight.kernels import FULL, compiled, dot, incident, inlined
 from relight3d.relight.ray_kernels import ASKS, AWAY, DARK, LIT, ground_blocks
 
 STATE, READ, FOLLOWS = 3, 4, 8  # the bits of a state; of one that was read; of one whose leader is traced for it
-ZERO, HALF = np.float32(0), np.float32(0.5)
 
 
 @inlined
@@ -112,11 +111,8 @@ def follow(loose, lead, state, seen):
 
 
 @compiled
-def find_crossings(neighbour, state, index, pairs):
-    """Pairs of neighbours between which a shadow's edge runs, at least one of them among the points of `index`.
-
-    `pairs`: the lit point, the dark one, and which neighbour of the lit one it is. Returns how many.
-    """
+def find_borders_among(neighbour, state, index, pairs):
+    """ray_kernels.find_borders of the points of `index`."""
     count = 0
     for p in index:
         mine = state[p] & STATE
@@ -134,64 +130,3 @@ def find_crossings(neighbour, state, index, pairs):
             pairs[count, 0], pairs[count, 1], pairs[count, 2] = lit, dark, way
             count += 1
     return count
-
-
-@compiled
-def ask_crossings(lights, position, geometric, step, offset, num_each, pairs, origins, ways, limits):
-    """Rays from `num_each` places evenly between the two points of each pair, from the lit one to the dark one.
-
-    `step` is the lit points' (View.step).
-    """
-    ray = 0
-    for i in range(len(pairs)):
-        p, axis, sign = pairs[i, 0], pairs[i, 2] // 2, ONE - 2 * (pairs[i, 2] % 2)
-        for k in range(num_each):
-            part = np.float32(sign * (k + 1) / (num_each + 1))
-            x = position[0, p] + part * step[i, axis, 0]
-            y = position[1, p] + part * step[i, axis, 1]
-            z = position[2, p] + part * step[i, axis, 2]
-            origins[ray, 0] = x + geometric[0, p] * offset
-            origins[ray, 1] = y + geometric[1, p] * offset
-            origins[ray, 2] = z + geometric[2, p] * offset
-            if lights[0, KIND] != AT_INFINITY:
-                lx, ly, lz, _, distance = incident(lights, 0, x, y, z)
-                ways[ray, 0], ways[ray, 1], ways[ray, 2] = lx, ly, lz
-                limits[ray] = distance - 2 * offset
-            ray += 1
-
-
-@inlined
-def _own_side(u, v):
-    """The area of a pixel on its centre's side of the line u x + v y = 1 (from the centre, in pixels; u, v >= 0)."""
-    steep, flat = max(u, v), min(u, v)
-    corner = HALF * (steep + flat) - ONE
-    if corner <= 0:
-        return ONE
-    if HALF * (steep - flat) <= ONE:  # the line cuts one corner off
-        return ONE - corner * corner * HALF / (steep * flat)
-    return HALF + ONE / steep
-
-
-@compiled
-def settle_crossings(pairs, blocked, num_each, nearness, seen):
-    """How much of each pixel beside an edge is lit, the edge taken as straight.
-
-    Of `num_each` rays those before the edge are free: it runs so far from the lit centre, in pixels, and 1 minus that from
-    the dark one. `nearness` (point x axis, all 0, and left so) takes 1 / distance along the two axes.
-    """
-    for i in range(len(pairs)):
-        free = 0
-        for k in range(num_each):
-            free += not blocked[i * num_each + k]
-        edge, axis = np.float32((free + 0.5) / (num_each + 1)), pairs[i, 2] // 2
-        lit, dark = pairs[i, 0], pairs[i, 1]
-        nearness[lit, axis] = max(nearness[lit, axis], ONE / edge)
-        nearness[dark, axis] = max(nearness[dark, axis], ONE / (ONE - edge))
-    for i in range(len(pairs)):
-        for side in range(2):
-            p = pairs[i, side]
-            if nearness[p, 0] + nearness[p, 1] > 0:  # else it was another pair's too, and is done
-                own = _own_side(nearness[p, 0], nearness[p, 1])
-                share = own if side == 0 else ONE - own
-                seen[p] = np.uint8(share * FULL + np.float32(0.5))
-                nearness[p, 0] = nearness[p, 1] = ZERO

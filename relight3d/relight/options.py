@@ -21,7 +21,7 @@ class RelightOptions:
     """
 
     shadows: Shadows = "exact"  # adaptive: a lattice, refined where it disagrees; table: precomputed; off: none
-    borders: bool = True  # antialiased shadow borders: 4 more rays for each pixel on one
+    borders: bool = True  # antialiased shadow borders: 3 rays between a lit and a dark neighbour
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
     shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
     table_directions: int = 256  # of precomputed shadows: directions over the sphere, a square number

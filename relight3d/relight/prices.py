@@ -37,7 +37,6 @@ class Shop:
     exact: Relighter
     lights: list[list[Light]]
     frames: list[Frame]  # the exact ones under them
-    fine_frames: list[Frame]  # the same with shadows on the finest lattice, whose borders are placed otherwise
     own_error: float  # e0
 
 
@@ -106,9 +105,7 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
 def _shop(model: RelightModel, capture: Capture) -> Shop:
     exact = Relighter(model, options=RelightOptions())
     lights = lights_between(model)
-    fine = exact.with_options(RelightOptions(shadows="adaptive"))
-    frames, fine_frames = ([each.render(light) for light in lights] for each in (exact, fine))
-    return Shop(exact, lights, frames, fine_frames, _own_error(exact, model, capture))
+    return Shop(exact, lights, [exact.render(light) for light in lights], _own_error(exact, model, capture))
 
 
 def _difference(ours: Sequence[Frame], frames: Sequence[Frame]) -> float:
@@ -122,9 +119,7 @@ def _price(shop: Shop, name: str, changes: Changes) -> Price:
     if changes:
         relighter = shop.exact.with_options(replace(RelightOptions(), **changes))
         frames = [relighter.render(each) for each in shop.lights]
-    # A lattice places borders more finely than four rays do, which is no error: it is compared with its own kind.
-    is_on_lattice = relighter.options.shadows == "adaptive"
-    square = _difference(frames, shop.fine_frames if is_on_lattice else shop.frames)
+    square = _difference(frames, shop.frames)
     return Price(
         name=name,
         options=dict(changes),

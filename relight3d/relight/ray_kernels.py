@@ -6,6 +6,7 @@ tracing.RayScene between two of these.
 
 import numpy as np
 
+from relight3d.maths.pixel_parts import PLACES
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, ONE, PLACE, compiled, dot, incident, inlined
 
 # States of a point: not yet known; lit; turned to the light but shadowed; turned away.
@@ -90,49 +91,84 @@ def settle(index, blocked, state, seen):
 
 
 @compiled
-def find_borders(neighbour, state, first, last, index):
-    """Points that face the light and have a neighbour that does too and is in the other state. Returns how many."""
-    count = first
+def find_borders(neighbour, state, first, last, pairs):
+    """Neighbours that face the light and are in different states, one of them among points first..last.
+
+    `pairs`: the lit point, the dark one, and which neighbour of the lit one that is. Returns how many.
+    """
+    count = 0
     for p in range(first, last):
-        if state[p] == AWAY:
+        mine = state[p]
+        if mine == AWAY:
             continue
-        for k in range(4):
-            other = neighbour[p, k]
-            if other >= 0 and state[other] != AWAY and state[other] != state[p]:
-                index[count] = p
+        for k in (0, 2):  # the other two neighbours find this one
+            q = neighbour[p, k]
+            if q >= 0 and state[q] != AWAY and state[q] != mine:
+                lit, dark, way = (p, q, k) if mine == LIT else (q, p, k + 1)
+                pairs[count, 0], pairs[count, 1], pairs[count, 2] = lit, dark, way
                 count += 1
-                break
-    return count - first
+    return count
 
 
 @compiled
-def ask_borders(lights, position, geometric, step, offset, pattern, index, origins, ways, limits):
-    """Rays from `pattern` places about each border point, one place after the other; `step` has those points only."""
-    ray = 0
-    for i in range(len(index)):
-        p = index[i]
-        for k in range(len(pattern)):
-            x = position[0, p] + pattern[k, 0] * step[i, 0, 0] + pattern[k, 1] * step[i, 1, 0]
-            y = position[1, p] + pattern[k, 0] * step[i, 0, 1] + pattern[k, 1] * step[i, 1, 1]
-            z = position[2, p] + pattern[k, 0] * step[i, 0, 2] + pattern[k, 1] * step[i, 1, 2]
-            origins[ray, 0] = x + geometric[0, p] * offset
-            origins[ray, 1] = y + geometric[1, p] * offset
-            origins[ray, 2] = z + geometric[2, p] * offset
-            if lights[0, KIND] != AT_INFINITY:
-                lx, ly, lz, _, distance = incident(lights, 0, x, y, z)
-                ways[ray, 0], ways[ray, 1], ways[ray, 2] = lx, ly, lz
-                limits[ray] = distance - 2 * offset
-            ray += 1
+def ask_borders(lights, position, geometric, step, offset, pairs, place, half, origins, ways, limits):
+    """A ray from between the two points of each pair, `half` places farther than the edge is known to be from the lit one.
+
+    `step` is the lit points' (View.step).
+    """
+    for ray in range(len(pairs)):
+        p, axis = pairs[ray, 0], pairs[ray, 2] // 2
+        part = np.float32((1 - 2 * (pairs[ray, 2] % 2)) * (place[ray] + half)) / np.float32(PLACES)
+        x = position[0, p] + part * step[ray, axis, 0]
+        y = position[1, p] + part * step[ray, axis, 1]
+        z = position[2, p] + part * step[ray, axis, 2]
+        origins[ray, 0] = x + geometric[0, p] * offset
+        origins[ray, 1] = y + geometric[1, p] * offset
+        origins[ray, 2] = z + geometric[2, p] * offset
+        if lights[0, KIND] != AT_INFINITY:
+            lx, ly, lz, _, distance = incident(lights, 0, x, y, z)
+            ways[ray, 0], ways[ray, 1], ways[ray, 2] = lx, ly, lz
+            limits[ray] = distance - 2 * offset
 
 
 @compiled
-def settle_borders(index, blocked, num_rays_each, seen):
-    """The share of each border point's rays that came through."""
-    for i in range(len(index)):
-        free = 0
-        for k in range(num_rays_each):
-            free += not blocked[i * num_rays_each + k]
-        seen[index[i]] = FULL * free // num_rays_each
+def narrow_borders(blocked, half, place):
+    """Where the ray came through, the edge is farther from the lit point."""
+    for i in range(len(place)):
+        place[i] += 0 if blocked[i] else half
+
+
+@inlined
+def _nearest(one, other):
+    """The nearer of two edges of a pixel, where 0 is none."""
+    return min(one, other) if one > 0 and other > 0 else max(one, other)
+
+
+@inlined
+def _own_part(edges, beside_line):
+    """pixel_parts.own_part."""
+    right, left, below, above = edges[0], edges[1], edges[2], edges[3]
+    x, y = _nearest(right, left), _nearest(below, above)
+    if right > 0 and left > 0 and y == 0:
+        return beside_line[right, 0] + beside_line[left, 0] - FULL
+    if below > 0 and above > 0 and x == 0:
+        return beside_line[below, 0] + beside_line[above, 0] - FULL
+    return beside_line[x, y]
+
+
+@compiled
+def settle_borders(pairs, place, beside_line, edges, seen):
+    """How much of each pixel beside an edge is lit. `edges` (all 0, and left so) takes the edges of all pixels."""
+    for i in range(len(pairs)):
+        edges[pairs[i, 0], pairs[i, 2]] = place[i] + 1
+        edges[pairs[i, 1], pairs[i, 2] ^ 1] = PLACES - place[i]
+    for i in range(len(pairs)):
+        for side in range(2):
+            mine = edges[pairs[i, side]]
+            if mine[0] + mine[1] + mine[2] + mine[3] > 0:  # else it was another pair's too, and is done
+                own = _own_part(mine, beside_line)
+                seen[pairs[i, side]] = own if side == 0 else FULL - own
+                mine[0] = mine[1] = mine[2] = mine[3] = 0
 
 
 @compiled

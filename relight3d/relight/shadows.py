@@ -10,8 +10,9 @@ from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import ray_kernels
 from relight3d.relight.anchors import Anchors
+from relight3d.relight.borders import Borders, Pairs
 from relight3d.relight.buffers import Buffers
-from relight3d.relight.casting import block, cast_listed
+from relight3d.relight.casting import cast_listed
 from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
 from relight3d.relight.lattice import Lattice
@@ -19,7 +20,6 @@ from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import tiles
 from relight3d.tracing import RayScene, over_threads
-from relight3d.views import BORDER_PATTERN
 
 Seen = UInt8[np.ndarray, " point"]
 
@@ -49,7 +49,8 @@ class Shadows:
         self._kept: OrderedDict[tuple, Seen] = OrderedDict()
         self.rays: dict[str, int] = {}
         self._room = options.keep_lights
-        self._lattice = None if anchors is None else Lattice(scene, buffers, anchors, self._ground)
+        self._borders = Borders(scene, buffers)
+        self._lattice = None if anchors is None else Lattice(scene, buffers, anchors, self._ground, self._borders)
 
     def start_frame(self, num_kept: int) -> None:
         """Begin counting rays anew; the frame needs the answers of so many lights, mirrored ones counted."""
@@ -92,7 +93,7 @@ class Shadows:
         num = sum(over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles))
         self.rays[effect] = self.rays.get(effect, 0) + num
         if self._options.borders:
-            self.rays["border"] += sum(over_threads(lambda part: self._cast_borders(light, part, seen), self._tiles))
+            self.rays["border"] += self._borders.cast(light, self._find_borders, self._tiles, seen)
         return seen
 
     def _face(self, light: np.ndarray, part: slice) -> None:
@@ -110,17 +111,9 @@ class Shadows:
         index = index[: ray_kernels.gather(part.start, part.stop, self._state, index)]
         return cast_listed(self._scene, light, b.position, b.geometric_normal, index, self._state, seen)
 
-    def _cast_borders(self, light: np.ndarray, part: slice, seen: Seen) -> int:
-        b = self._buffers
-        count = ray_kernels.find_borders(b.neighbour, self._state, part.start, part.stop, self._index)
-        index, num = self._index[part.start : part.start + count], count * len(BORDER_PATTERN)
-        origins, ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
-        limits, blocked = np.empty(num, np.float32), np.empty(num, bool)
-        place = (b.position, b.geometric_normal, b.steps(index), self._offset, BORDER_PATTERN)
-        ray_kernels.ask_borders(light, *place, index, origins, ways, limits)
-        block(self._scene, light, origins, ways, limits, blocked)
-        ray_kernels.settle_borders(index, blocked, len(BORDER_PATTERN), seen)
-        return num
+    def _find_borders(self, part: slice) -> Pairs:
+        pairs = np.empty((2 * (part.stop - part.start) + 1, 3), np.int32)
+        return pairs[: ray_kernels.find_borders(self._buffers.neighbour, self._state, part.start, part.stop, pairs)]
 
     # ------------------------------------------------------------------------------------- table
 

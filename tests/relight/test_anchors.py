@@ -9,11 +9,10 @@ from relight3d.errors import InputError
 from relight3d.forward import gather_pixels, irradiance_at_points, shade_points
 from relight3d.lights import Light
 from relight3d.records import RelightModel
-from relight3d.relight import lattice_kernels, pixel_kernels
+from relight3d.relight import pixel_kernels
 from relight3d.relight.anchors import Anchors, cell_shares, find_anchors, spread_values
 from relight3d.relight.fill_engine import FAINT, anchor_sites
 from relight3d.relight.kernels import FULL
-from relight3d.relight.lattice import EDGE_RAYS
 from relight3d.relight.options import PRESETS, RelightOptions
 from relight3d.relight.relighter import Relighter
 from relight3d.relight.work import work_of
@@ -191,40 +190,6 @@ def test_a_coarser_lattice_and_shared_rays_save_rays() -> None:
     rays = [large(model).with_options(o).render([models.SUN]).stats.rays["shadow"] for o in settings]
     assert rays[0] > rays[1] > rays[2] > rays[3] > 0
     assert rays[3] < 0.5 * rays[0]
-
-
-@pytest.mark.parametrize("angle_deg", [0.0, 10.0, 27.0, 45.0, 63.0, 90.0])
-@pytest.mark.parametrize("offset_px", [-0.45, -0.2, 0.0, 0.1, 0.35])
-def test_a_straight_edge_is_covered(angle_deg: float, offset_px: float) -> None:
-    """Pixels cut by a line: the coverage found from rays between neighbours, beside the area itself."""
-    side, angle = 16, np.radians(angle_deg)
-    across = np.array([np.cos(angle), np.sin(angle)])
-    middle = np.array([side / 2, side / 2]) + offset_px * across
-
-    def is_lit(x, y):
-        return (x - middle[0]) * across[0] + (y - middle[1]) * across[1] > 0
-
-    y, x = np.divmod(np.arange(side * side), side)
-    lit = is_lit(x, y)
-    pairs, blocked = [], []
-    for p in range(side * side):
-        for way, (dx, dy) in enumerate(((1, 0), (-1, 0), (0, 1), (0, -1))):
-            if 0 <= x[p] + dx < side and 0 <= y[p] + dy < side and lit[p] and not lit[p + dx + side * dy]:
-                pairs.append((p, p + dx + side * dy, way))
-                steps = np.arange(1, EDGE_RAYS + 1) / (EDGE_RAYS + 1)
-                blocked += [not is_lit(x[p] + step * dx, y[p] + step * dy) for step in steps]
-    seen = np.where(lit, FULL, 0).astype(np.uint8)
-    nearness = np.zeros((side * side, 2), np.float32)
-    args = (np.array(pairs, np.int32), np.array(blocked), EDGE_RAYS, nearness)
-    lattice_kernels.settle_crossings(*args, seen)
-    assert not nearness.any()  # ready for the next frame
-    place = (np.arange(32) + 0.5) / 32 - 0.5
-    fine_x, fine_y = x[:, None, None] + place, y[:, None, None] + place[:, None]
-    area = is_lit(fine_x, fine_y).mean(axis=(1, 2))
-    inner = (x > 0) & (x < side - 1) & (y > 0) & (y < side - 1)
-    error, hard = (np.abs(each - area)[inner] for each in (seen / FULL, lit))
-    assert error.max() < 0.13  # half a step of rays
-    assert np.sqrt((error**2).mean()) <= 0.4 * np.sqrt((hard**2).mean()) + 0.01
 
 
 # ----------------------------------------------------------------------------------------------- frames
