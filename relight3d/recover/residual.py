@@ -7,7 +7,7 @@ kernel, and with it the correction, dies away, so nothing is extrapolated. It is
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int32
@@ -22,7 +22,7 @@ MOST_LEVERAGE = 0.7  # of a photograph on the fits before the residual: beyond, 
 class ResidualOptions:
     """How the misfit is carried over."""
 
-    lengths_deg: tuple[float, ...] = (8.0, 15.0, 30.0, 60.0, 120.0)  # of the kernel, tried in turn
+    lengths_deg: tuple[float, ...] = (15.0, 30.0, 60.0, 120.0)  # of the kernel, tried in turn
     nuggets: tuple[float, ...] = (0.02, 0.1, 0.4, 1.5)  # the part of the misfit that does not carry over
     max_modes: int = 16  # the misfits of all pixels are kept as combinations of so many
     energy: float = 0.995  # or of as many as hold this share of what is predicted
@@ -55,12 +55,10 @@ class Misfits:
     anchors: Float64[np.ndarray, "photo 3"]  # towards the lights
 
     def sample(self, most: int) -> tuple["Misfits", Int32[np.ndarray, " sample"]]:
-        """Evenly spread points, at most so many, in float64; and which ones."""
+        """Evenly spread points, at most so many; and which ones."""
         num = self.value.shape[1]
         take = np.linspace(0, num - 1, min(num, most)).astype(np.int32)
-        value, shared, slope, light = (
-            each[:, take].astype(np.float64) for each in (self.value, self.shared, self.slope, self.light)
-        )
+        value, shared, slope, light = (each[:, take] for each in (self.value, self.shared, self.slope, self.light))
         return Misfits(value, shared, slope, light, self.anchors), take
 
 
@@ -83,18 +81,25 @@ def choose_kernel(
     some, take = misfits.sample(4000)
     known, scored = is_known[:, take], (is_known if is_scored is None else is_scored)[:, take]
     scale = np.where(scored[..., None], some.slope, 0.0)
-    none = float((scale * _deleted(some, known) ** 2).sum())
+    deleted = _deleted(some, known)
+    none = float((scale * deleted**2).sum())
     best = ResidualFit(float(np.radians(options.lengths_deg[0])), options.nuggets[-1], 0.0)
     if none <= 0:
         return best
+
+    def better(length_rad: float, nugget: float, is_shared: bool) -> ResidualFit:
+        trial = ResidualFit(length_rad, nugget, 0.0, is_shared)
+        left_out = float((scale * _left_out_squares(some, known, trial, deleted)).sum())
+        gain = 10 * np.log10(none / max(left_out, 1e-30))
+        return replace(trial, gain_db=float(gain)) if gain > best.gain_db else best
+
     for length_deg in options.lengths_deg:
         for nugget in options.nuggets:
-            for is_shared in (False, True):
-                trial = ResidualFit(float(np.radians(length_deg)), nugget, 0.0, is_shared)
-                left_out = float((scale * _left_out_squares(some, known, trial)).sum())
-                gain = 10 * np.log10(none / max(left_out, 1e-30))
-                if gain > best.gain_db:
-                    best = ResidualFit(trial.length_rad, nugget, float(gain), is_shared)
+            best = better(float(np.radians(length_deg)), nugget, False)
+    # What pixels share reaches as far as the whole, or farther.
+    for length_rad in {best.length_rad, float(np.radians(options.lengths_deg[-1]))}:
+        for nugget in options.nuggets:
+            best = better(length_rad, nugget, True)
     return best
 
 
@@ -110,9 +115,9 @@ def carries_over(
     some, take = misfits.sample(16_000)
     known = is_known[:, take]
     scale = np.where(known[..., None], some.slope, 0.0)
-    totals = []
+    deleted, totals = _deleted(some, known), []
     for used in (known, known & ~is_passing[:, take]):
-        per_point = (scale * _left_out_squares(some, used, fit)).sum(axis=(0, 2))
+        per_point = (scale * _left_out_squares(some, used, fit, deleted)).sum(axis=(0, 2))
         totals.append(np.bincount(surface[take], per_point, num_surfaces))
     return totals[0] <= totals[1]
 
@@ -134,16 +139,16 @@ def _left_out_of_fits(misfits: Misfits, weights: Float64[np.ndarray, "photo phot
     functions = np.column_stack([np.ones(num), *(misfits.anchors.T if num >= 6 else ())])
     hat = functions @ np.linalg.pinv(functions)
     room = 1.0 - np.minimum(np.diag(hat), MOST_LEVERAGE)
-    by_photo = (1.0 - (weights * hat).sum(axis=1)) / room - 1.0
-    light = misfits.light
+    by_photo = ((1.0 - (weights * hat).sum(axis=1)) / room - 1.0).astype(misfits.value.dtype)
+    light, weights = misfits.light, weights.astype(misfits.light.dtype)
     total = np.maximum((light**2).sum(axis=0), 1e-30)
     room = 1.0 - np.minimum(light**2 / total, MOST_LEVERAGE)
     by_entry = (1.0 - light * (weights @ light) / total) / room - 1.0
     return by_photo[:, None, None] * misfits.shared, by_entry[..., None] * (misfits.value - misfits.shared)
 
 
-def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit) -> np.ndarray:
-    """Squared error of every entry as the others predict it, capped at four times its own square.
+def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit, deleted: np.ndarray) -> np.ndarray:
+    """Squared error of every entry as the others predict it, capped at four times its square in `deleted`.
 
     A left-out prediction of kriging is off by (K^-1 r)_i / (K^-1)_ii, the unknown entries being what the known ones
     predict; an unknown entry is off by its difference from that. But the misfits are what fits to all photographs left:
@@ -154,11 +159,10 @@ def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit) -> 
     inverse = np.linalg.inv(covariance + fit.nugget * np.eye(len(covariance)))
     given = misfits.shared if fit.is_shared else misfits.value
     filled = _filled(np.where(known[..., None], given, 0.0), known, covariance @ inverse)
-    left_out = (inverse @ filled.reshape(len(given), -1) / np.diag(inverse)[:, None]).reshape(given.shape)
     weights = -inverse / np.diag(inverse)[:, None]
+    left_out = -(weights.astype(given.dtype) @ filled.reshape(len(given), -1)).reshape(given.shape)
     np.fill_diagonal(weights, 0.0)
     shared, own = _left_out_of_fits(misfits, weights)
-    deleted = _deleted(misfits, known)
     if fit.is_shared:
         none = np.zeros_like(weights)
         own = misfits.value - misfits.shared + _left_out_of_fits(misfits, none)[1]
@@ -214,8 +218,12 @@ def _modes(misfit, is_known, anchors, fit: ResidualFit, options: ResidualOptions
 def _filled(values: np.ndarray, known: np.ndarray, smoother: np.ndarray, num_steps: int = 8) -> np.ndarray:
     """Unknown entries replaced by their own prediction from the known ones; the fixed point is kriging with gaps."""
     flat = values.reshape(len(values), -1)
-    gaps = ~np.repeat(known, 3, axis=1)
-    smooth = smoother.astype(values.dtype)
+    has_gap = np.repeat(~known.all(axis=0), 3)
+    some, gaps = flat[:, has_gap], np.repeat(~known, 3, axis=1)[:, has_gap]
+    smooth, predicted = smoother.astype(values.dtype), np.empty_like(some)
     for _ in range(num_steps):
-        flat = np.where(gaps, smooth @ flat, flat)
+        np.matmul(smooth, some, out=predicted)
+        np.copyto(some, predicted, where=gaps)
+    flat = flat.copy()
+    flat[:, has_gap] = some
     return flat.reshape(values.shape)
