@@ -49,6 +49,8 @@ def any_value(hint: Any, random: np.random.Generator, with_optional: bool) -> An
         if DirectionalLight in arguments:
             return LIGHTS[random.integers(len(LIGHTS))]
         return any_value(next(a for a in arguments if a is not types.NoneType), random, with_optional)
+    if origin is typing.Literal:
+        return arguments[random.integers(len(arguments))]
     if origin is tuple:
         members = arguments[:1] * 2 if arguments[-1] is Ellipsis else arguments
         return tuple(any_value(member, random, with_optional) for member in members)
