@@ -17,7 +17,7 @@ from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightM
 from relight3d.recover import assemble, leftover, visibility
 from relight3d.recover.candidates import accepted_mirrors, find_surfaces, test_mirrors
 from relight3d.recover.mesh import prepare_mesh
-from relight3d.recover.mirror import EdgeTest
+from relight3d.recover.mirror import EdgeTest, doubtful
 from relight3d.recover.rounds.alternation import alternate
 from relight3d.recover.rounds.gloss import fit_gloss
 from relight3d.recover.rounds.reflections import fit_mirrors
@@ -96,7 +96,7 @@ class Stages:
     def mirrors_found(self) -> tuple[Mirror, ...]:
         """The surfaces accepted as mirrors, before their reflectance is known."""
         likely = accepted_mirrors(self.mesh, self.points, self.surfaces, self.mirror_tests, self.options)
-        if all(t.is_sure(self.options.mirror) for t in self.mirror_tests if t.surface in {m.surface for m in likely}):
+        if not doubtful(likely, self.mirror_tests, self.options.mirror):
             return likely
         given = (self.capture.camera, self.mesh, self.rays, self.points, self.surfaces, self.photographs)
         return first_fit(self.options, *given, likely, self.mirror_tests, Clock(None, 1)).mirrors

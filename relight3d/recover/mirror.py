@@ -59,6 +59,11 @@ class EdgeTest:
         return self.score >= options.sure_score and self.score - self.chance >= options.sure_lead
 
 
+def doubtful(mirrors: tuple[Mirror, ...], tests: list[EdgeTest], options: MirrorOptions) -> set[int]:
+    """The surfaces of those mirrors whose edges alone do not make them mirrors."""
+    return {t.surface for t in tests if not t.is_sure(options)} & {m.surface for m in mirrors}
+
+
 def edge_test(
     scene: RayScene,
     mesh: PatchMesh,

@@ -44,8 +44,8 @@ def proven_mirrors(
 ) -> tuple[Mirror, ...]:
     """The mirrors whose edges are sure, that a person forces, or that show what they reflect of the scene so far."""
     options = stage.options.mirror
-    doubtful = {t.surface for t in tests if not t.is_sure(options) and ("mirror", t.surface) not in stage.forced}
-    if not doubtful & {one.surface for one in mirrors}:
+    doubtful = {s for s in mirror.doubtful(mirrors, tests, options) if ("mirror", s) not in stage.forced}
+    if not doubtful:
         return mirrors
     evidence = fit_mirrors(stage, observed, mirrors, fitted)[1].evidence
     min_gain_db = -10 * np.log10(1.0 - options.min_explained)
