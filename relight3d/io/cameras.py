@@ -43,9 +43,14 @@ def camera_from_keys(
     pose = matrix(entry, "transform_matrix", prefix)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a wild matrix overflows, and is then no rotation
-            return Camera(width, height, fx, fy, cx, cy, **lens, world_from_camera=pose)
+            camera = Camera(width, height, fx, fy, cx, cy, **lens, world_from_camera=pose)
+            corners = camera.directions(np.array([(x, y) for x in (0.0, width) for y in (0.0, height)]))
     except InputError as error:
         raise InputError(f"{prefix}{error.field}", error.got, error.expected, error.hint) from None
+    if not np.isfinite(corners).all():
+        hint = "undistort the photographs first, or check the calibration"
+        raise InputError(f"{prefix}k1, k2, p1, p2", tuple(lens.values()), "a distortion that can be undone", hint)
+    return camera
 
 
 def require_pinhole(entry: dict, prefix: str) -> None:

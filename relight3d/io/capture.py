@@ -37,7 +37,11 @@ def load_capture(path: str | Path) -> Capture:
     file = path / FILE_NAME if path.is_dir() else path
     if not file.is_file():
         raise InputError(str(path), f"a folder without {FILE_NAME}", "a capture folder")
-    top = json_object(read_json(file), file.name)
+    return capture_of(json_object(read_json(file), file.name), file)
+
+
+def capture_of(top: dict, file: Path) -> Capture:
+    """The capture whose transforms.json, at `file`, holds `top`; it need not be written yet. Raises as load_capture."""
     prefix = f"{file.name} "
     require_pinhole(top, prefix)
     photographs = photographs_of(top, file)

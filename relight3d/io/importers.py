@@ -6,9 +6,9 @@ from pathlib import Path
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
-from relight3d.io.capture import FILE_NAME, camera_keys, frame_keys, load_capture
+from relight3d.io.capture import FILE_NAME, camera_keys, capture_of, frame_keys
 from relight3d.io.colmap import read_colmap
-from relight3d.io.files import write_json
+from relight3d.io.files import atomic_path, write_json
 from relight3d.io.metashape import read_metashape
 from relight3d.lights import Light
 from relight3d.records import Capture, Photograph
@@ -48,10 +48,10 @@ def capture_from_parts(
     test: Collection[str] = (),
     unit: str = "",
 ) -> Capture:
-    """Write a transforms.json that joins the parts where they lie, and load it, which checks it.
+    """Write a transforms.json that joins the parts where they lie, once they make a capture.
 
     `lights` are by image name; the images are those names in the folder `images`. Those in `test` are held out.
-    Raises InputError as load_capture does; the file stays, to be mended by hand.
+    Raises InputError as load_capture does; an earlier file stays as it was then.
     """
     folder, images = Path(folder), Path(images)
     if not lights:
@@ -67,8 +67,11 @@ def capture_from_parts(
             files["mask_path"] = _relative(Path(mask), folder)
         frames.append(files | frame_keys(Photograph(name, split, tuple(lamps), camera), camera))
     top = camera_keys(camera) | {"color_space": color_space, "mesh_path": _relative(Path(mesh), folder)}
-    write_json(folder / FILE_NAME, top | ({"unit": unit} if unit else {}) | {"frames": frames})
-    return load_capture(folder)
+    top |= ({"unit": unit} if unit else {}) | {"frames": frames}
+    with atomic_path(folder / FILE_NAME) as temporary:
+        capture = capture_of(top, folder / FILE_NAME)
+        write_json(temporary, top)
+    return capture
 
 
 def _relative(path: Path, folder: Path) -> str:

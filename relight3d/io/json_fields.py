@@ -26,7 +26,7 @@ def read_json(path: Path, field: str = "") -> Any:
 def json_object(value: object, field: str) -> dict[str, Any]:
     """The value, if it is an object with a key or more. Raises InputError otherwise."""
     if not isinstance(value, dict) or not value:
-        raise InputError(field, value, "an object, { ... }, with the keys of a capture")
+        raise InputError(field, value, "an object with keys, { ... }")
     return value
 
 

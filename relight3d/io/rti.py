@@ -64,16 +64,19 @@ def import_dome(
     Raises InputError where the file holds no lights, or another number of them than the folder has images.
     """
     path = Path(path)
+    if not 0 < units_per_mm < math.inf:
+        raise InputError("units_per_mm", units_per_mm, "a finite number above 0")
     dome = json_object(read_json(path), path.name)
     turn = np.eye(3) if camera is None else camera.world_from_camera[:3, :3]
     is_directional = dome.get("lightConfiguration", "directional") == "directional"
     key = "directions" if is_directional else "positions3d"
-    places = [_xyz(entry, f"{path.name} {key}[{i}]") for i, entry in enumerate(dome.get(key) or [])]
+    places = [_xyz(entry, f"{path.name} {key}[{i}]") for i, entry in enumerate(_list(dome, key, path))]
     names = sorted(p.name for p in _images_of(images))
     if not places or len(places) != len(names):
         raise InputError(f"{path.name} {key}", f"{len(places)} lights", f"one for each of {len(names)} images")
     notes = []
-    if any(set(entry.values()) != {1.0} for entry in dome.get("ledAdjust") or [] if isinstance(entry, dict)):
+    adjusted = [entry for entry in _list(dome, "ledAdjust", path) if isinstance(entry, dict)]
+    if any(value != 1.0 for entry in adjusted for value in entry.values()):
         notes.append(f"{path.name}: ledAdjust is not applied; scale the lights' colours in transforms.json")
     if is_directional:
         return ImportedLights({n: _directional(turn @ p) for n, p in zip(names, places)}, tuple(notes))
@@ -130,6 +133,14 @@ def _row(line: str) -> tuple[str | None, np.ndarray]:
 def _start_of_numbers(line: str, separators: str) -> int:
     """Where the third part from the end starts: names may hold blanks."""
     return list(re.finditer(separators, line))[-3].start()
+
+
+def _list(dome: dict, key: str, path: Path) -> list:
+    """The list at a key, empty where it is missing or null. Raises InputError for something else."""
+    value = dome.get(key)
+    if not isinstance(value, list | None):
+        raise InputError(f"{path.name} {key}", repr(value), "a list")
+    return value or []
 
 
 def _xyz(entry: object, field: str) -> np.ndarray:

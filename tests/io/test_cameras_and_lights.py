@@ -50,6 +50,7 @@ CAMERA_SLIPS = [
     ([{"transform_matrix": POSE}, 3], r"CAMERA.json \[1\]: got 3"),
     ([{"transform_matrix": POSE, "fl_x": 0}], r"CAMERA.json \[0\].fl_x: got 0"),
     ({"transform_matrix": POSE, "w": 1e9}, "CAMERA.json w: .*at most 65536"),
+    ({"transform_matrix": POSE, "k1": -50.0}, r"CAMERA.json k1, k2, p1, p2: got \(-50.0, .*can be undone"),
 ]
 
 
@@ -78,6 +79,8 @@ LIGHT_SLIPS = [
     ([SUN.to_dict(), 3], r"LIGHTS.json \[1\]: got 3"),
     ([[SUN.to_dict()], [SUN.to_dict(), SUN.to_dict() | {"to_light": [0, 0, 0]}]], r"LIGHTS.json \[1\]\[1\].to_light: "),
     ([[SUN.to_dict()], SUN.to_dict()], r"LIGHTS.json \[0\]: got \["),
+    ([{"type": "point", "intensity": 1}], r"LIGHTS.json \[0\].position: got nothing, expected three finite numbers"),
+    ([SUN.to_dict() | {"colour": 3}], r"LIGHTS.json \[0\].colour: got 3, expected a key of a directional light: to_li"),
     ([SPOT.to_dict() | {"outer_cone_angle": "wide"}], r"LIGHTS.json \[0\].outer_cone_angle: got 'wide'"),
     ([SPOT.to_dict() | {"outer_cone_angle": 0.1}], r"LIGHTS.json \[0\].inner_cone_angle, outer_cone_angle: "),
 ]

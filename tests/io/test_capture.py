@@ -48,6 +48,7 @@ SLIPS = [
     (["fl_y"], "6", "transforms.json fl_y", "'6'"),
     (["cx"], float("nan"), "transforms.json cx", "nan"),
     (["k1"], True, "transforms.json k1", "True"),
+    (["k1"], -50.0, "k1, k2, p1, p2", "can be undone"),
     (["k3"], 0.1, "transforms.json k3", "undistort"),
     (["camera_model"], "OPENCV_FISHEYE", "transforms.json camera_model", "OPENCV or PINHOLE"),
     (["camera_model"], ["OPENCV"], "transforms.json camera_model", "OPENCV or PINHOLE"),
@@ -88,10 +89,10 @@ SLIPS = [
     (["frames", 1, "lights", 0, "to_light"], [0, float("nan"), 1], f"{L0}.to_light", "finite"),
     (["frames", 1, "lights", 0, "to_light"], [0, 1], f"{L0}.to_light", "three"),
     (["frames", 1, "lights", 0, "to_light"], [1e200, 0, 0], f"{L0}.to_light", "finite"),
-    (["frames", 1, "lights", 0, "to_light"], ..., L0, "directional light"),
+    (["frames", 1, "lights", 0, "to_light"], ..., f"{L0}.to_light", "three finite numbers"),
     (["frames", 1, "lights", 0, "irradiance"], [1, -1, 1], f"{L0}.irradiance", "negative"),
     (["frames", 1, "lights", 0, "irradiance"], 10**400, f"{L0}.irradiance", "finite"),
-    (["frames", 1, "lights", 0, "power"], 3, L0, "directional light"),
+    (["frames", 1, "lights", 0, "power"], 3, f"{L0}.power", "directional light"),
 ]
 
 
@@ -125,6 +126,19 @@ def test_frames_without_training_or_light_are_refused(capture_folder: CaptureFol
     for frame in capture_folder.top["frames"]:
         frame["split"] = "test"
     with pytest.raises(InputError, match="frames: got no training frame"):
+        capture_folder.load()
+
+
+def test_a_lamp_without_power_is_off(capture_folder: CaptureFolder) -> None:
+    """A photograph is divided by what its lights give: one whose lamps give nothing shows ambient light alone."""
+    frames = capture_folder.top["frames"]
+    frames[0]["lights"][0]["irradiance"] = 0
+    frames[1]["lights"].append(frames[1]["lights"][0] | {"irradiance": [0, 0, 0]})
+    frames[2]["lights"][0]["irradiance"] = [0, 0, 1]
+    assert [len(p.lights) for p in capture_folder.load().photographs] == [0, 1, 1, 1]
+    for frame in frames:
+        frame["lights"] = [{"type": "directional", "to_light": [0, 0, 1], "irradiance": 0}]
+    with pytest.raises(InputError, match="frames: got no light in any training frame"):
         capture_folder.load()
 
 

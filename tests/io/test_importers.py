@@ -128,6 +128,14 @@ def test_a_dome_gives_directions_or_lamps(tmp_path: Path) -> None:
     for spoilt in ({"positions3d": [xyz(0, 0, 1)]}, {"positions3d": []}, {"positions3d": [xyz(0, 0, 0)] * 2}):
         with pytest.raises(InputError, match=r"led.dome positions3d"):
             import_dome(write(path, json.dumps(dome | spoilt)), images)
+    for spoilt in ({"positions3d": 3}, {"positions3d": xyz(0, 0, 1)}, {"ledAdjust": 1.0}):
+        with pytest.raises(InputError, match=rf"led.dome {next(iter(spoilt))}: got .*, expected a list"):
+            import_dome(write(path, json.dumps(dome | spoilt)), images)
+    odd = dome | {"ledAdjust": [{"r": [1.0]}]}  # what no list of numbers is, is not applied either
+    assert "ledAdjust is not applied" in import_dome(write(path, json.dumps(odd)), images).notes[0]
+    for scale in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="units_per_mm"):
+            import_dome(path, images, units_per_mm=scale)
 
 
 # ------------------------------------------------------------------------------------------------ cameras
@@ -319,3 +327,12 @@ def test_a_capture_is_made_of_its_parts(
         capture_from_parts(folder, parts / "mesh.ply", camera, lights.lights, parts / "images", "srgb", test=["9.png"])
     with pytest.raises(InputError, match="lights: got none"):
         capture_from_parts(folder, parts / "mesh.ply", camera, {}, parts / "images", "srgb")
+
+
+def test_parts_that_make_no_capture_spoil_none(capture_folder: CaptureFolder) -> None:
+    parts, camera = capture_folder.path, capture_folder.load().camera
+    before = (parts / "transforms.json").read_bytes()
+    lights = import_lp(write(parts / "a.lp", "0.png 0 0.1 0.8"), parts / "images").lights
+    with pytest.raises(InputError, match="mesh_path"):
+        capture_from_parts(parts, parts / "none.ply", camera, lights, parts / "images", "srgb")
+    assert (parts / "transforms.json").read_bytes() == before and not list(parts.glob(".*"))
