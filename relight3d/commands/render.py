@@ -43,6 +43,10 @@ class Render(Command):
     relighting: Annotated[Relighting, tyro.conf.arg(name="")] = field(default_factory=Relighting)
 
     def run(self) -> None:
+        if self.exposure is not None and not 0 < self.exposure < float("inf"):
+            raise InputError("exposure", self.exposure, "a finite number above 0")
+        if not self.output:  # a folder name would be "./": of an empty shell variable nobody means that
+            raise InputError("output", "nothing", "a name that ends in .png, .exr or .mp4, or a folder")
         model = load_model(self.model)
         shots = read_shots(self.lights, self.camera, model.camera)
         suffix = self._suffix(len(shots))

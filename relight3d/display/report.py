@@ -40,8 +40,11 @@ def report(
     """Write the page to `folder`/index.html and return its path.
 
     `study` is a study's folder whose plots are shown (by default `folder`/study, if there is one); `evaluation` spares
-    evaluating again. Raises InputError for a capture of another scene, or a place that cannot be written.
+    evaluating again. Raises InputError for a capture of another scene, a study that is not there, or a place that cannot
+    be written.
     """
+    if study is not None and not Path(study).is_dir():
+        raise InputError("study", f"{study} (no such folder)", "the folder of a study")
     started = time.perf_counter()
     log.info("report ...")
     path = Path(folder) / FILE_NAME

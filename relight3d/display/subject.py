@@ -13,6 +13,7 @@ from relight3d.io.capture import read_photograph
 from relight3d.lights import Light
 from relight3d.records import Capture, Frame, Observations, Photograph, RelightModel
 from relight3d.recover import visibility
+from relight3d.recover.training import average_repeats
 from relight3d.relight.relighter import Relighter
 from relight3d.shading import ray_scene
 from relight3d.tracing import RayScene
@@ -59,22 +60,29 @@ class Subject:
 
     @cached_property
     def photographs(self) -> tuple[Photograph, ...]:
-        """The training photographs. Raises InputError without a capture."""
+        """The training photographs, of several under the same lights the first: the recovery makes one of them.
+
+        Raises InputError without a capture, or with one that is not the model's.
+        """
         if self.capture is None:
             raise InputError("capture", "none", "the capture that the model was recovered from")
-        training = self.capture.split("train")
+        by_lights: dict[str, Photograph] = {}
+        for photograph in self.capture.split("train"):
+            by_lights.setdefault(repr([light.to_dict() for light in photograph.lights]), photograph)
+        training = tuple(by_lights.values())
         if len(training) != len(self.model.lights) or not self.capture.camera.same_as(self.model.camera):
-            got = f"{len(training)} training photographs of another scene, or another version of it"
+            got = f"training photographs under {len(training)} sets of lights, of another scene or version of it"
             raise InputError("capture", got, "the capture that the model was recovered from")
         return training
 
     @cached_property
     def measured(self) -> tuple[Float32[np.ndarray, "photo height width 3"], Bool[np.ndarray, "photo height width"]]:
-        """Linear radiance of the training photographs, and where it is valid."""
-        photographs = self.photographs
-        assert self.capture is not None
-        pairs = [read_photograph(self.capture, photograph) for photograph in photographs]
-        return np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
+        """Linear radiance of `photographs`, each the mean of all under its lights, and where any of these is valid."""
+        assert self.photographs and self.capture is not None
+        training = self.capture.split("train")
+        radiance, is_valid = zip(*(read_photograph(self.capture, photograph) for photograph in training))
+        mean, is_known, _ = average_repeats(np.stack(radiance), np.stack(is_valid), tuple(p.lights for p in training))
+        return mean, is_known
 
     def render(self, lights: Lights) -> Frame:
         """The captured view under lights; the last frame is kept, since several layers show parts of one."""

@@ -104,10 +104,14 @@ def ssim_map(
     got: Float[np.ndarray, "height width 3"], reference: Float[np.ndarray, "height width 3"]
 ) -> Float[np.ndarray, "height width"]:
     """Structural similarity of display values at each pixel, mean of the channels (Wang et al. 2004, scikit-image)."""
+    height, width = got.shape[:2]
+    # A window of one pixel has no variance: a picture of one or two pixels a side is doubled at its edge until it has three.
+    edge = [(0, max(0, 3 - height)), (0, max(0, 3 - width)), (0, 0)]
+    got, reference = (np.pad(picture, edge, mode="symmetric") for picture in (got, reference))
     shortest = min(got.shape[:2])
     window = min(SSIM_WINDOW, shortest - 1 + shortest % 2)  # odd, and within the picture
     answer = structural_similarity(reference, got, win_size=window, data_range=1.0, channel_axis=-1, full=True)
-    return np.mean(answer[-1], axis=-1)
+    return np.mean(answer[-1], axis=-1)[:height, :width]
 
 
 def flip_map(

@@ -118,7 +118,7 @@ def evaluate(
     ours = Metrics(tuple(_measure(shot, shot.rendered, exposure) for shot in shots))
     at_captured_view = [shot for shot in shots if shot.is_captured_view]
     others = _measure_baselines(model, capture, at_captured_view, exposure) if baselines else {}
-    surfaces = _measure_surfaces(model, at_captured_view, exposure)
+    surfaces = _measure_surfaces(model, shots, exposure)
     seconds = time.perf_counter() - started
     logger.info("evaluate: %.1f s, %.2f dB, worst %.2f dB", seconds, ours.mean.psnr_db, ours.worst.psnr_db)
     return Evaluation(split, exposure, ours, others, surfaces)
@@ -186,9 +186,11 @@ def _pixels(
 
 
 def _measure_surfaces(model: RelightModel, shots: Sequence[_Shot], exposure: float) -> tuple[SurfaceMetrics, ...]:
-    """PSNR per surface over the frames that the model's own pixels show."""
-    if not shots:
-        return ()
+    """PSNR per surface over the frames that the model's own pixels show: those of the view it was recovered from.
+
+    The capture may be another one, with its own captured view.
+    """
+    shots = [shot for shot in shots if shot.photograph.camera.same_as(model.camera)]
     surface_of_pixel = np.full(model.camera.num_pixels, -1)
     surface_of_pixel[model.pixels.points.pixel] = model.pixels.surface
     figures: list[list[float]] = [[] for _ in model.surfaces.names]

@@ -73,10 +73,12 @@ def study(
 
     The quick form has fewer settings, recovers them at half resolution, and takes QUICK_BUDGET_S at most. After
     `budget_s` nothing new is begun, and nothing that took longer than what is left. Raises InputError for a
-    capture without held-out photographs.
+    capture without held-out photographs, or a budget that is no time.
     """
     if not any(p.camera.same_as(capture.camera) for p in capture.split("test")):
         raise InputError("capture", 'no photograph of split "test" at the captured viewpoint', "held-out photographs")
+    if budget_s is not None and not budget_s >= 0:
+        raise InputError("budget_s", budget_s, "0 or more seconds")
     run = _Run(capture, None if folder is None else Path(folder), quick, budget_s, progress)
     result = run.study()
     if folder is not None:

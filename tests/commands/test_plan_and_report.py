@@ -36,3 +36,9 @@ def test_the_report_refuses_a_file_for_a_folder(run, model_file: Path, tmp_path:
     (tmp_path / "report").write_text("a file")
     status, _, err = run("report", model_file, TINY, "-o", tmp_path / "report")
     assert_one_line(status, err, str(tmp_path / "report"))
+
+
+def test_the_report_refuses_a_study_that_is_not_there(run, model_file: Path, tmp_path: Path) -> None:
+    arguments = ("-o", tmp_path / "report", "--study", tmp_path / "none")
+    assert_one_line(*run("report", model_file, TINY, *arguments)[::2], "study", "none")
+    assert list(tmp_path.iterdir()) == []

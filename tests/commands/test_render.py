@@ -190,6 +190,22 @@ def test_render_refuses_in_one_line(
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize("exposure", ["nan", "-1", "0", "inf"])
+def test_an_exposure_that_shows_nothing_is_refused(run, model_file: Path, tmp_path: Path, exposure: str) -> None:
+    lights = write(tmp_path / "lights.json", light(0.1))
+    arguments = ("--lights", lights, "-o", tmp_path / "a.png", "--exposure", exposure)
+    assert_one_line(*run("render", model_file, *arguments)[::2], "exposure", "above 0")
+    assert list(tmp_path.iterdir()) == [lights]
+
+
+def test_an_empty_name_is_no_folder(run, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a shell's variable that is not set: not frames wherever one happens to be."""
+    monkeypatch.chdir(tmp_path)
+    lights = write(tmp_path / "lights.json", light(0.1))
+    assert_one_line(*run("render", model_file, "--lights", lights, "-o", "")[::2], "output")
+    assert list(tmp_path.iterdir()) == [lights]
+
+
 def test_a_file_that_is_no_model_is_refused(run, tmp_path: Path) -> None:
     lights = write(tmp_path / "lights.json", light(0.1))
     for model in (lights, tmp_path / "none.relight"):

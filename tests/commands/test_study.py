@@ -32,6 +32,13 @@ def test_the_front_is_printed_cheapest_first(run, tmp_path: Path, monkeypatch: p
     assert "20.00 s" in out and "2.00 ms" in out and "no time for 1 of the settings" in err
 
 
+@pytest.mark.parametrize("budget", ["nan", "-1"])
+def test_a_budget_that_is_no_time_is_refused(run, tmp_path: Path, budget: str) -> None:
+    arguments = ("-o", tmp_path / "study", "--budget-s", budget, "--quiet")
+    assert_one_line(*run("study", TINY, *arguments)[::2], "budget_s", budget)
+    assert not (tmp_path / "study").exists()
+
+
 def test_a_capture_without_held_out_photographs_is_refused(run, tiny_copy: Path, tmp_path: Path) -> None:
     file = tiny_copy / "transforms.json"
     file.write_text(file.read_text().replace('"test"', '"other"'))

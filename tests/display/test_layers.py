@@ -204,3 +204,14 @@ def test_layers_do_not_need_a_mesh_in_every_pixel(model: RelightModel):
     part = replace(model, pixels=pixels)
     for name in layer_names(part, has_capture=False):
         assert layer(part, name).image.dtype == np.uint8
+
+
+def test_photographs_under_the_same_lights_are_one(subject: Subject, capture: Capture):
+    """As in the recovery, which averages them: a capture with repeats is still the model's own."""
+    first = capture.split("train")[0]
+    twins = [replace(first, name=name, pixels=first.pixels * scale) for name, scale in (("dim", 0.5), ("bright", 1.5))]
+    others = [photograph for photograph in capture.photographs if photograph is not first]
+    repeated = Subject(subject.model, replace(capture, photographs=(*twins, *others)))
+    assert [p.name for p in repeated.photographs] == ["dim", *(p.name for p in subject.photographs[1:])]
+    for got, wanted in zip(repeated.measured, subject.measured, strict=True):
+        np.testing.assert_allclose(got, wanted, rtol=1e-6)

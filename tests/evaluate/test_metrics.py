@@ -72,8 +72,17 @@ def test_whole_pictures_agree_with_the_libraries():
 def test_maps_have_one_value_a_pixel():
     image, reference = picture(1), picture(2)
     assert ssim_map(image, reference).shape == flip_map(image, reference).shape == (24, 32)
-    # Pictures smaller than the window still have a figure.
-    assert np.isfinite(ssim_map(image[:4, :6], reference[:4, :6])).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 2), (1, 20), (4, 6)])
+def test_pictures_smaller_than_the_window_have_figures(shape: tuple[int, int]):
+    """Windows of 3 pixels and more, those of a picture of one or two pixels over its doubled edge."""
+    image, reference = (picture(seed)[: shape[0], : shape[1]] for seed in (1, 2))
+    assert ssim_map(image, reference).shape == shape
+    other = measure_frame("a", image, reference, np.ones(shape, bool), 1.0)
+    same = measure_frame("a", image, image, np.ones(shape, bool), 1.0)
+    assert same.ssim == pytest.approx(1.0, abs=1e-6) and same.psnr_db == PSNR_CEILING_DB
+    assert -1.0 <= other.ssim < 0.95 and other.flip > 0.0
 
 
 def test_nothing_outside_the_mask_counts():

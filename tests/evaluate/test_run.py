@@ -87,6 +87,21 @@ def test_a_perfect_model_and_the_baselines(result: Evaluation):
     assert all(frame.num_pixels == same_pixels[frame.name] for frame in result.baselines["rbf"].frames)
 
 
+def test_another_capture_of_the_scene_has_a_view_of_its_own(
+    fake_relighter: dict, scene: Scene, model: RelightModel, capture: Capture
+):
+    """Its baselines are judged at its own captured view, the surfaces where the model's pixels are."""
+    small = replace(scene, camera=scene.camera.resized(32, 24))
+    lights = [photograph.lights for photograph in capture.split("train")]
+    other = synthesize(small, lights, test_lights=lights[:1])
+    result = evaluate(model, other)
+    assert result.model.mean.psnr_db == PSNR_CEILING_DB and result.surfaces == ()
+    assert set(result.baselines) == set(BASELINES)
+    own = replace(other, photographs=(*other.photographs, *capture.split("test")))
+    surfaces = {surface.name: surface.psnr_db for surface in evaluate(model, own).surfaces}
+    assert surfaces == dict.fromkeys(("table", "box", "sphere"), PSNR_CEILING_DB)
+
+
 def test_an_error_of_known_size(fake_relighter: dict, model: RelightModel, capture: Capture):
     fake_relighter["gain"] = 1.05
     result = evaluate(model, capture, baselines=False)
