@@ -40,8 +40,9 @@ class IndirectOptions:
             raise InputError("indirect.basis", self.basis, f"auto or one of {', '.join(BASES)}")
         if self.site not in SITES:
             raise InputError("indirect.site", self.site, f"one of {', '.join(SITES)}")
-        if not self.damping >= 0:
-            raise InputError("indirect.damping", self.damping, "0 or more")
+        for name, value in (("damping", self.damping), ("smoothing_px", self.smoothing_px)):
+            if not 0 <= value < np.inf:
+                raise InputError(f"indirect.{name}", value, "a finite number, 0 or more")
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
     given = _given(stage, observed, model, view)
     fits, misfits, gain = {}, {}, 0.0
     for name, is_known in given.states.items():
-        misfits[name] = _misfits_of(stage, given, is_known)
+        misfits[name] = _of_state(stage, given.misfits, is_known)
         fits[name], used = _fit_state(stage, given, misfits[name], is_known, options)
         given.states[name] = used
         gain = max(gain, _visible_gain(stage, observed, given, is_known, fits[name]))
@@ -49,36 +49,39 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class _Misfits:
+class _Given:
     """What the residual is fitted to, of the photographs that have a light."""
 
-    misfit: np.ndarray  # photo x point x 3, for a light of strength 1, as the frames multiply it by a lamp's own
-    slope: np.ndarray  # photo x point x 3: squared, what a display shows of a difference
-    light: np.ndarray  # photo x point: what an albedo of its own is multiplied by
+    misfits: (
+        residual.Misfits
+    )  # for a light of strength 1, as the frames multiply them by a lamp's own; all of it shared
     strength: np.ndarray  # photo
-    anchors: np.ndarray  # photo x 3
     states: dict[str, np.ndarray]  # photo x point: known, and lit or dark
     is_judged: np.ndarray  # photo x point: inside and off the borders
 
 
-def _given(stage: Stage, observed: Observations, model: RelightModel, view: "View") -> _Misfits:
+def _given(stage: Stage, observed: Observations, model: RelightModel, view: "View") -> _Given:
     bright = ~observed.is_dark
     misfit, seen, thrown = (each[bright] for each in _misfit(stage, observed, model, view))
     # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
     is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
-    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32)
     known = (observed.weight > 0)[bright] & is_sane
     slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
     strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
+    misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32) / strength[:, None, None]
     has_albedo = (model.pixels.albedo != model.surface_albedo[stage.surface].astype(np.float32)).any(axis=1)
     # On an outline a pixel is seldom wholly lit or dark: there the larger part decides.
     sure = np.where(observed.is_interior, 0.999, 0.6).astype(np.float32)
-    return _Misfits(
-        misfit / strength[:, None, None],
-        slope * strength[:, None, None] ** 2,
-        np.maximum(observed.radiance[bright].mean(axis=2), 0.0) * has_albedo,
+    misfits = residual.Misfits(
+        value=misfit,
+        shared=misfit,
+        slope=slope * strength[:, None, None] ** 2,
+        light=np.maximum(observed.radiance[bright].mean(axis=2), 0.0) * has_albedo,
+        anchors=np.array([_mean_direction(each) for each in observed.lights if each]),
+    )
+    return _Given(
+        misfits,
         strength,
-        np.array([_mean_direction(each) for each in observed.lights if each]),
         # What a mirror lights is not dark: carried to a shadow without that patch, its misfit would be a blotch.
         {"lit": known & (seen >= sure), "dark": known & (seen <= 1 - sure) & (thrown <= 1 - sure)},
         observed.is_interior & observed.is_safe[bright],
@@ -86,7 +89,7 @@ def _given(stage: Stage, observed: Observations, model: RelightModel, view: "Vie
 
 
 def _fit_state(
-    stage: Stage, given: _Misfits, misfits: residual.Misfits, is_known: np.ndarray, options: residual.ResidualOptions
+    stage: Stage, given: _Given, misfits: residual.Misfits, is_known: np.ndarray, options: residual.ResidualOptions
 ) -> tuple[residual.ResidualFit, np.ndarray]:
     """The kernel of one state, and the entries that are carried over.
 
@@ -95,7 +98,7 @@ def _fit_state(
     """
     num = stage.surfaces.num_surfaces
     fit = residual.choose_kernel(misfits, is_known, options)
-    size = np.abs(given.misfit).mean(axis=2)
+    size = np.abs(misfits.value).mean(axis=2)
     usual = np.nanmedian(np.where(is_known | ~is_known.any(axis=0), size, np.nan), axis=0)
     dark = 0.01 * stage.white / given.strength[:, None]  # for a light of strength 1, as the misfits are
     is_passing = is_known & (size > PASSING * 1.4826 * np.maximum(usual, dark))
@@ -104,12 +107,12 @@ def _fit_state(
     return (fit, is_known) if stays.all() else (residual.choose_kernel(misfits, used, options, is_known), used)
 
 
-def _misfits_of(stage: Stage, given: _Misfits, is_known: np.ndarray) -> residual.Misfits:
-    """The misfits with the part of them that neighbouring pixels share, over some pixels of the picture."""
+def _of_state(stage: Stage, misfits: residual.Misfits, is_known: np.ndarray) -> residual.Misfits:
+    """The misfits with the part of them that neighbouring pixels share, of those that are known."""
     from scipy.ndimage import gaussian_filter
 
     shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
-    shared, picture = np.empty_like(given.misfit), np.zeros(stage.camera.num_pixels, np.float32)
+    shared, picture = np.empty_like(misfits.value), np.zeros(stage.camera.num_pixels, np.float32)
 
     def spread(values: np.ndarray) -> np.ndarray:
         picture[pixel] = values
@@ -118,27 +121,27 @@ def _misfits_of(stage: Stage, given: _Misfits, is_known: np.ndarray) -> residual
     for photo, known in enumerate(is_known):
         parts = np.maximum(spread(known.astype(np.float32)), 1e-6)
         for color in range(3):
-            shared[photo, :, color] = spread(np.where(known, given.misfit[photo, :, color], 0.0)) / parts
-    return residual.Misfits(given.misfit, shared, given.slope, given.light, given.anchors)
+            shared[photo, :, color] = spread(np.where(known, misfits.value[photo, :, color], 0.0)) / parts
+    return replace(misfits, shared=shared)
 
 
 def _visible_gain(
-    stage: Stage, observed: Observations, given: _Misfits, is_known: np.ndarray, fit: residual.ResidualFit
+    stage: Stage, observed: Observations, given: _Given, is_known: np.ndarray, fit: residual.ResidualFit
 ) -> float:
     """What a state's residual gains in what a display shows.
 
     Where all that is off the outlines and borders is explained as well as one can see, the mesh is right: what is missed
     at these is how their pixels are cut into samples, and does not count.
     """
-    measured = observed.radiance[~observed.is_dark]
+    measured, missed = observed.radiance[~observed.is_dark], given.misfits.value
     inside = is_known & given.is_judged
     has_inside = inside.sum() > 0.2 * is_known.sum()
-    before = _display_error(measured, given.misfit, given.strength, inside, stage.white)
+    before = _display_error(measured, missed, given.strength, inside, stage.white)
     if not has_inside or before > JUST_VISIBLE:
-        before = _display_error(measured, given.misfit, given.strength, is_known, stage.white)
+        before = _display_error(measured, missed, given.strength, is_known, stage.white)
         return visible_gain_db(fit.gain_db, before)
     options = replace(stage.options.residual, lengths_deg=(float(np.degrees(fit.length_rad)),), nuggets=(fit.nugget,))
-    alone = residual.choose_kernel(_misfits_of(stage, given, inside), inside, options)
+    alone = residual.choose_kernel(_of_state(stage, given.misfits, inside), inside, options)
     return visible_gain_db(alone.gain_db, before)
 
 

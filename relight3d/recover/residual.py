@@ -8,6 +8,7 @@ kernel, and with it the correction, dies away, so nothing is extrapolated. It is
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Float64, Int32
@@ -32,6 +33,11 @@ class ResidualOptions:
     def __post_init__(self) -> None:
         if self.max_modes < 0:
             raise InputError("residual.max_modes", self.max_modes, "0 or more")
+        for name, values in (("lengths_deg", self.lengths_deg), ("nuggets", self.nuggets)):
+            if not values or not all(0 < value < np.inf for value in values):
+                raise InputError(f"residual.{name}", values, "one finite number above 0, or more")
+        if not 0 < self.energy <= 1:
+            raise InputError("residual.energy", self.energy, "above 0 and at most 1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +59,13 @@ class Misfits:
     slope: Float[np.ndarray, "photo point 3"]  # squared: what a display shows of a difference
     light: Float[np.ndarray, "photo point"]  # what an albedo of the pixel's own is multiplied by; 0 where it has none
     anchors: Float64[np.ndarray, "photo 3"]  # towards the lights
+
+    @cached_property
+    def hat(self) -> Float64[np.ndarray, "photo photo"]:
+        """How much each photograph counts in each one's fit of all that is linear in the light."""
+        num = len(self.anchors)
+        functions = np.column_stack([np.ones(num), *(self.anchors.T if num >= 6 else ())])
+        return functions @ np.linalg.pinv(functions)
 
     def sample(self, most: int) -> tuple["Misfits", Int32[np.ndarray, " sample"]]:
         """Evenly spread points, at most so many; and which ones."""
@@ -135,11 +148,8 @@ def _left_out_of_fits(misfits: Misfits, weights: Float64[np.ndarray, "photo phot
     The fits have taken, of what pixels share, all that is linear in the light, which looks like indirect light; and of
     what is a pixel's own whatever is in proportion to its light, which looks like albedo.
     """
-    num = len(misfits.anchors)
-    functions = np.column_stack([np.ones(num), *(misfits.anchors.T if num >= 6 else ())])
-    hat = functions @ np.linalg.pinv(functions)
-    room = 1.0 - np.minimum(np.diag(hat), MOST_LEVERAGE)
-    by_photo = ((1.0 - (weights * hat).sum(axis=1)) / room - 1.0).astype(misfits.value.dtype)
+    room = 1.0 - np.minimum(np.diag(misfits.hat), MOST_LEVERAGE)
+    by_photo = ((1.0 - (weights * misfits.hat).sum(axis=1)) / room - 1.0).astype(misfits.value.dtype)
     light, weights = misfits.light, weights.astype(misfits.light.dtype)
     total = np.maximum((light**2).sum(axis=0), 1e-30)
     room = 1.0 - np.minimum(light**2 / total, MOST_LEVERAGE)

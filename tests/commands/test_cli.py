@@ -35,9 +35,21 @@ def test_an_unknown_flag_is_refused_with_the_nearest(run) -> None:
     assert status == 2 and "--specular.max-lobes" in err
 
 
-def test_an_option_out_of_range_is_one_line(run, tmp_path: Path) -> None:
-    status, _, err = run("recover", TINY, "-o", tmp_path / "m.relight", "--num-rounds", 99)
-    assert_one_line(status, err, "num_rounds", "99", "0 to 10")
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (("--num-rounds", 99), ["num_rounds", "99", "0 to 10"]),
+        (("--residual.lengths-deg",), ["residual.lengths_deg", "()"]),
+        (("--residual.nuggets", 0.1, 0), ["residual.nuggets", "above 0"]),
+        (("--residual.energy", "nan"), ["residual.energy", "at most 1"]),
+        (("--indirect.damping", "inf"), ["indirect.damping", "finite"]),
+        (("--indirect.smoothing-px", -1), ["indirect.smoothing_px", "0 or more"]),
+    ],
+)
+def test_an_option_out_of_range_is_one_line(run, tmp_path: Path, option: tuple, words: list[str]) -> None:
+    status, _, err = run("recover", TINY, "-o", tmp_path / "m.relight", *option)
+    assert_one_line(status, err, *words)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_ctrl_c_is_one_line(run, model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
