@@ -52,9 +52,7 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
 class _Given:
     """What the residual is fitted to, of the photographs that have a light."""
 
-    misfits: (
-        residual.Misfits
-    )  # for a light of strength 1, as the frames multiply them by a lamp's own; all of it shared
+    misfits: residual.Misfits  # for a light of strength 1, as the frames multiply them; `shared` is not told yet
     strength: np.ndarray  # photo
     states: dict[str, np.ndarray]  # photo x point: known, and lit or dark
     is_judged: np.ndarray  # photo x point: inside and off the borders

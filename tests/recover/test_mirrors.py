@@ -1,9 +1,11 @@
 """Surfaces whose edges make them likely mirrors, and what the first fit says of them."""
 
+import numpy as np
 import pytest
 
+from relight3d.records import Mirror
 from relight3d.recover.mesh import MeshOptions
-from relight3d.recover.mirror import EdgeTest, MirrorOptions
+from relight3d.recover.mirror import EdgeTest, MirrorOptions, doubtful
 from relight3d.recover.run import RecoverOptions, recover
 from tests.scenes import desk_capture
 
@@ -31,6 +33,22 @@ def test_sure_edges_need_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sum("mirror" in kind for kind in kinds_of(QUICK).values()) >= 2
 
 
-def test_a_mirror_tells_likely_from_sure() -> None:
+@pytest.mark.parametrize(
+    ("score", "chance", "is_tried", "is_sure"),
+    [
+        (0.1, 0.0, False, False),  # hardly any of its edges
+        (0.2, 0.18, False, False),  # edges, but shifted ones fit as well
+        (0.2, 0.05, True, False),  # ahead of chance by enough to be sure, of too few edges
+        (0.5, 0.45, True, False),  # enough edges, of which chance finds nearly as many
+        (0.5, 0.3, True, True),
+    ],
+)
+def test_edges_tell_likely_mirrors_from_sure_ones(score: float, chance: float, is_tried: bool, is_sure: bool) -> None:
+    test = EdgeTest(3, score, chance, np.zeros((2, 2), bool), np.zeros((2, 2), np.float32))
     options = MirrorOptions()
-    assert options.min_score < options.sure_score and options.min_lead < options.sure_lead
+    assert (test.passes(options), test.is_sure(options)) == (is_tried, is_sure)
+    mirrors = tuple(
+        Mirror(s, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.ones(3), True, 1.0, True, score) for s in (2, 3)
+    )
+    assert doubtful(mirrors, [test], options) == (set() if is_sure else {3})
+    assert doubtful(mirrors[:1], [test], options) == set()
