@@ -8,7 +8,7 @@ from jaxtyping import Float32, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from relight3d.evaluate.metrics import display_values, psnr_db
-from relight3d.evaluate.run import Evaluation
+from relight3d.evaluate.run import Evaluation, relighters
 from relight3d.io.capture import read_photograph
 from relight3d.records import Capture, Photograph, RelightModel
 from relight3d.relight.relighter import Relighter
@@ -39,8 +39,8 @@ def strips(model: RelightModel, capture: Capture, evaluation: Evaluation, num: i
     for members in by_group.values():
         places = np.linspace(0, len(members) - 1, min(share, len(members)))
         chosen |= {members[int(place)].name for place in places.round()}
-    shown = [photograph for photograph in photographs if photograph.name in chosen]
-    return [_strip(model, capture, photograph, evaluation.exposure) for photograph in shown]
+    shown, relighter_at = [p for p in photographs if p.name in chosen], relighters(model)
+    return [_strip(relighter_at(p.camera), capture, p, evaluation.exposure) for p in shown]
 
 
 def contact_sheet(title: str, rows: Sequence[Strip]) -> UInt8[np.ndarray, "rows columns 3"]:
@@ -66,8 +66,8 @@ def contact_sheet(title: str, rows: Sequence[Strip]) -> UInt8[np.ndarray, "rows 
     return np.asarray(sheet)
 
 
-def _strip(model: RelightModel, capture: Capture, photograph: Photograph, exposure: float) -> Strip:
-    frame = Relighter(model, photograph.camera).render(list(photograph.lights))
+def _strip(relighter: Relighter, capture: Capture, photograph: Photograph, exposure: float) -> Strip:
+    frame = relighter.render(list(photograph.lights))
     radiance, is_valid = read_photograph(capture, photograph)
     mask = is_valid & frame.is_hit
     relit, wanted = (

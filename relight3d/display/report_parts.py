@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from relight3d.camera import Camera
 from relight3d.display.embedded import chart_address, file_address, photo_address
 from relight3d.display.layers import layer_names, paint_layer
 from relight3d.display.light_dome import LightDome, knob_color
@@ -15,7 +14,7 @@ from relight3d.display.pixel_report import TERMS
 from relight3d.display.subject import Subject
 from relight3d.display.surface_layers import describe_lobe
 from relight3d.evaluate.metrics import display_values
-from relight3d.evaluate.run import Evaluation
+from relight3d.evaluate.run import Evaluation, relighters
 from relight3d.io.capture import read_photograph
 from relight3d.lights import Light
 from relight3d.maths.color import display_u8
@@ -23,7 +22,6 @@ from relight3d.maths.least_squares import Status
 from relight3d.records import Photograph, RelightModel
 from relight3d.relight.plan import plan_of
 from relight3d.relight.plan_lines import PlanLine
-from relight3d.relight.relighter import Relighter
 
 DIFFERENCE_GAIN = 8  # differences of display values are shown so many times as large
 LEFT_OUT = ("relit", "photographs", "surface_albedo", "faces")  # layers that the page shows otherwise, or need not
@@ -99,14 +97,9 @@ def frame_parts(
     exposure = model.exposure if evaluation is None else evaluation.exposure
     measured = {} if evaluation is None else {frame.name: frame for frame in evaluation.model.frames}
     dome = LightDome.of(model)
-    relighters: list[tuple[Camera, Relighter]] = [(model.camera, subject.relighter)]
-    parts = []
+    relighter_at, parts = relighters(model, subject.relighter), []
     for photograph in photographs:
-        relighter = next((r for camera, r in relighters if camera.same_as(photograph.camera)), None)
-        if relighter is None:
-            relighter = Relighter(model, photograph.camera)
-            relighters.append((photograph.camera, relighter))
-        frame = relighter.render(list(photograph.lights))
+        frame = relighter_at(photograph.camera).render(list(photograph.lights))
         radiance, is_valid = read_photograph(subject.capture, photograph)
         mask = (is_valid & frame.is_hit)[..., None]
         relit, wanted = (display_values(np.where(mask, image, 0), exposure) for image in (frame.radiance, radiance))

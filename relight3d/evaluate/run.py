@@ -2,9 +2,9 @@
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -22,6 +22,9 @@ from relight3d.evaluate.metrics import (
 )
 from relight3d.io.capture import read_photograph
 from relight3d.records import Capture, Photograph, RelightModel
+
+if TYPE_CHECKING:
+    from relight3d.relight.relighter import Relighter
 
 OURS = "relight3d"
 logger = logging.getLogger(__name__)
@@ -124,25 +127,36 @@ def evaluate(
     return Evaluation(split, exposure, ours, others, surfaces)
 
 
+def relighters(
+    model: RelightModel, *known: "Relighter", options: object | None = None
+) -> "Callable[[Camera], Relighter]":
+    """The model's relighter of each viewpoint that is asked for, made once, or one of the `known`."""
+    # Here and not above: `import relight3d` should not pay for the kernels of rendering.
+    from relight3d.relight.relighter import Relighter
+
+    extra: dict[str, Any] = {} if options is None else {"options": options}
+    made = list(known)
+
+    def at(camera: Camera) -> Relighter:
+        found = next((relighter for relighter in made if relighter.camera.same_as(camera)), None)
+        if found is None:
+            found = Relighter(model, camera=camera, **extra)
+            made.append(found)
+        return found
+
+    return at
+
+
 def _render_all(
     model: RelightModel,
     capture: Capture,
     photographs: Sequence[Photograph],
     options: object | None,
 ) -> list[_Shot]:
-    # Here and not above: `import relight3d` should not pay for the kernels of rendering.
-    from relight3d.relight.relighter import Relighter
-
-    extra: dict[str, Any] = {} if options is None else {"options": options}
-    relighters: list[tuple[Camera, Relighter]] = []
-    shots = []
+    relighter_at, shots = relighters(model, options=options), []
     for photograph in photographs:
         camera = photograph.camera
-        relighter = next((known for seen, known in relighters if seen.same_as(camera)), None)
-        if relighter is None:
-            relighter = Relighter(model, camera=camera, **extra)
-            relighters.append((camera, relighter))
-        frame = relighter.render(list(photograph.lights))
+        frame = relighter_at(camera).render(list(photograph.lights))
         reference, is_valid = read_photograph(capture, photograph)
         shots.append(
             _Shot(photograph, camera.same_as(capture.camera), frame.radiance, reference, is_valid & frame.is_hit)
