@@ -15,15 +15,16 @@ from accuracy.page import page
 from accuracy.rows import ROWS, Store
 from accuracy.run import measure
 from stages import Options
+from start import start
 
 import relight3d
+from relight3d.errors import InputError
 from relight3d.io.files import write_text
 from relight3d.progress import say
 from relight3d.recover.run import RecoverOptions
 
-CAPTURES = tuple(
-    Path(p) for p in ("data/desk", "../shared/captures/diligent_cat", "../shared/captures/diligent_reading")
-)
+SHARED = Path("../shared/captures")
+CAPTURES = (Path("data/desk"), SHARED / "diligent_cat", SHARED / "diligent_reading")
 WORK, DOCS = Path("output/accuracy"), Path("docs")
 OPTIONS = RecoverOptions()
 
@@ -37,6 +38,8 @@ def main(
     options: Options = OPTIONS,
 ) -> None:
     there = [folder for folder in captures if (folder / "transforms.json").is_file()]
+    if not there:  # else the page would be written anew, without a figure
+        raise InputError("captures", ", ".join(map(str, captures)), "a capture folder, or more")
     read = {folder.name: relight3d.load_capture(folder) for folder in there}
     stores = {name: Store(output / name) for name in read}
     for row in [row for row in ROWS if row.name in rows]:
@@ -54,4 +57,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

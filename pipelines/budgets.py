@@ -9,8 +9,8 @@ turn, so that what else the machine does falls on each of them.
 from pathlib import Path
 
 import numpy as np
-import tyro
 from stages import CapturePath, Options
+from start import start
 
 import relight3d
 from relight3d.commands.tables import markdown_table
@@ -56,4 +56,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from start import start
 
 import relight3d
 from relight3d.commands.tables import markdown_table
@@ -40,4 +41,4 @@ def row(folder: Path, output: Path) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

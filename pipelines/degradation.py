@@ -30,13 +30,15 @@ def main() -> None:
     parser.add_argument("--faces", type=int, default=4000, help="a mesh of fewer faces is split")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the CSV file, the page and its images")
     options = parser.parse_args()
+    there = [folder for folder in options.captures if (folder / "transforms.json").exists()]
+    if not there:  # else the page would be written anew, without them
+        parser.error(f"none of {', '.join(map(str, options.captures))} is a capture folder")
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(message)s", datefmt="%H:%M:%S")
     recovery = RecoverOptions(mesh=MeshOptions(target_faces=options.faces), prices=False)
     (options.out / "images").mkdir(parents=True, exist_ok=True)
     path = options.out / "degradation.csv"
     known = {(*curve, point[0]) for curve, points in read(path).items() for point in points}
-
-    for folder in [folder for folder in options.captures if (folder / "transforms.json").exists()]:
+    for folder in there:
         capture = relight3d.load_capture(folder)
         capture = reduced(capture, max(1, round(capture.camera.width / options.width)))
         for curve, (_, values, worsened) in CURVES.items():

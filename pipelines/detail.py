@@ -6,8 +6,8 @@
 from pathlib import Path
 
 import numpy as np
-import tyro
 from stages import CapturePath, Options, Stages
+from start import start
 
 from relight3d.commands.tables import terminal_table
 from relight3d.io.images import write_png
@@ -39,4 +39,4 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, number: int = 1,
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

@@ -6,8 +6,8 @@
 from pathlib import Path
 
 import numpy as np
-import tyro
 from stages import CapturePath, Options, Stages
+from start import start
 
 from relight3d.commands.tables import terminal_table
 from relight3d.display.pictures import category_color
@@ -33,4 +33,4 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

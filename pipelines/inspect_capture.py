@@ -8,6 +8,7 @@ from typing import Annotated
 
 import numpy as np
 import tyro
+from start import start
 
 from relight3d.commands.tables import terminal_table
 from relight3d.io.capture import load_capture, read_photograph
@@ -54,4 +55,4 @@ def row(capture: Capture, photograph: Photograph, center: np.ndarray, axis: np.n
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

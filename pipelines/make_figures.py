@@ -13,9 +13,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import tyro
 from PIL import Image
 from stages import CapturePath
+from start import start
 from virtual_screen import HAS_XVFB, XScreen
 
 import relight3d
@@ -79,4 +79,4 @@ def shoot_viewer(model: Path, capture: Path, output: Path) -> None:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

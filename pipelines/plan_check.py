@@ -8,8 +8,8 @@ Two recoveries: one as it is, one forced to have all that the plan leaves out; b
 from dataclasses import replace
 from pathlib import Path
 
-import tyro
 from stages import CapturePath, Options
+from start import start
 
 import relight3d
 from relight3d.commands.tables import markdown_table
@@ -51,4 +51,4 @@ def cells(one: Worth) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

@@ -5,8 +5,8 @@
 
 from pathlib import Path
 
-import tyro
 from stages import CapturePath, Options, Stages
+from start import start
 
 from relight3d.io.meshes import write_mesh
 from relight3d.progress import say
@@ -29,4 +29,4 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

@@ -7,8 +7,8 @@ The model is kept: a second run with the same capture, options and code only eva
 
 from pathlib import Path
 
-import tyro
 from stages import CapturePath, Options
+from start import start
 
 import relight3d
 from relight3d.commands.contact_sheet import contact_sheet, strips
@@ -38,4 +38,4 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from start import start
 
 from relight3d.commands.light_path import round_trip
 from relight3d.commands.render import Render
@@ -28,4 +29,4 @@ def main(
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

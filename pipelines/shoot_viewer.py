@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from start import start
 from virtual_screen import read_screen
 
 import relight3d
@@ -54,4 +55,4 @@ def ticks(window: ViewerWindow, is_done: Callable[[], bool], seconds: float) -> 
 
 
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    start(main, __doc__)

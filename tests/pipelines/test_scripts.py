@@ -48,6 +48,26 @@ def test_a_stage_says_what_it_found_and_leaves_its_files(
         assert (output / "stages" / file).stat().st_size > 0, file
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [("inspect_capture", []), ("find_surfaces", []), ("accuracy", ["--docs"]), ("degradation", ["--out"])],
+)
+def test_a_capture_that_is_not_there_is_one_line_and_spoils_no_page(
+    tmp_path: Path, name: str, arguments: list[str]
+) -> None:
+    given = [tmp_path / "none", *(part for option in arguments for part in (option, tmp_path / "docs"))]
+    ended = subprocess.run(
+        [sys.executable, f"pipelines/{name}.py", *map(str, given)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ended.returncode == 2 and "Traceback" not in ended.stderr, ended.stderr
+    assert str(tmp_path / "none") in ended.stderr.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_capture_is_inspected() -> None:
     printed = run_script("inspect_capture", TINY)
     assert "train_00" in printed and "lights_off" in printed and "64 x 48" in printed
