@@ -36,6 +36,7 @@ def test_the_exposure_shows_a_percentile_as_white() -> None:
     values = np.append(np.linspace(0.0, 4.0, 1001), [np.nan, np.inf])
     assert exposure_of(values) == pytest.approx(1 / (0.995 * 4.0))
     assert exposure_of(values, 50.0) == pytest.approx(0.5)
+    assert exposure_of(1e-6 * values) == pytest.approx(1e6 / (0.995 * 4.0))  # radiance has a unit of its own
     # Nothing to expose for: a factor that changes nothing.
     assert exposure_of(np.zeros(3)) == exposure_of(np.zeros(0)) == exposure_of(np.full(2, np.nan)) == 1.0
 

@@ -28,13 +28,14 @@ OUTLINES = {
 
 @pytest.mark.parametrize("name", OUTLINES)
 @pytest.mark.parametrize("turn", [(0, 1, 2), (1, 2, 0), (2, 0, 1)], ids=["xy", "yz", "zx"])
-def test_triangles_cover_the_outline_once(name, turn):
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_triangles_cover_the_outline_once(name, turn, unit):
     outline, area = OUTLINES[name]
-    points = in_plane(outline)
+    points = unit * in_plane(outline)
     triangles, polygon = triangulate(points[:, turn], np.array([len(points)]))
     assert len(triangles) == len(points) - 2 and (polygon == 0).all()
     parts = areas_of(points, triangles)
-    assert (parts > 0).all() and parts.sum() == pytest.approx(area, abs=1e-12)
+    assert (parts > 0).all() and parts.sum() == pytest.approx(area * unit**2, rel=1e-12)
 
 
 def test_clockwise_outlines_stay_clockwise():
