@@ -9,6 +9,7 @@ import json
 import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -218,7 +219,8 @@ class _Run:
         name = f"{hash_of(self._key, setting)}.json"
         path = self._file(name)
         if name not in self._memory and path is not None and path.is_file():
-            self._memory[name] = json.loads(read_bytes(path))
+            with suppress(ValueError):  # spoilt by a disk, or by hand: it is measured anew
+                self._memory[name] = json.loads(read_bytes(path))
         return self._memory.get(name)
 
     def _kept(self, setting: Setting) -> Point | None:

@@ -94,6 +94,12 @@ def test_a_study_goes_on_where_it_stopped(few_settings: None, tmp_path: Path, mo
     for name in ("measure_recovery", "measure_render", "measure_baselines", "frame_growth"):
         monkeypatch.setattr(module, name, fail)
     assert study(capture, tmp_path, quick=True).points == first.points
+    kept = sorted((tmp_path / "settings").glob("*.json"))[0]
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[:-9])  # by a disk, or by hand
+    with pytest.raises(AssertionError, match="measured again"):
+        study(capture, tmp_path, quick=True)
+    kept.write_bytes(whole)
     with pytest.raises(AssertionError, match="measured again"):
         study(desk_capture(9, bounce=False), tmp_path, quick=True)
 
