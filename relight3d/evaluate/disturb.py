@@ -17,6 +17,7 @@ from relight3d.io.capture import read_photograph
 from relight3d.lights import DirectionalLight, Light
 from relight3d.maths.color import exposure_of
 from relight3d.records import Capture, Photograph
+from relight3d.recover.registration import moved
 
 Image = Float32[np.ndarray, "height width 3"]
 
@@ -85,6 +86,15 @@ def with_rough_mesh(capture: Capture, size: float, seed: int = 0) -> Capture:
     places, index = np.unique(capture.mesh.vertices, axis=0, return_inverse=True)
     error = size * np.random.default_rng(seed).standard_normal(places.shape)
     return replace(capture, mesh=replace(capture.mesh, vertices=capture.mesh.vertices + error[index.ravel()]))
+
+
+def with_misplaced_mesh(capture: Capture, right_px: float, down_px: float, turn_deg: float = 0.0) -> Capture:
+    """A mesh whose place the photographs show so far to the right and below, and turned in the picture (clockwise)."""
+    camera = capture.camera
+    length = float(np.linalg.norm(capture.mesh.vertices.mean(axis=0) - camera.center))
+    shift = np.array([-right_px / camera.fx, down_px / camera.fy, 0.0]) * length
+    turn = np.array([0.0, 0.0, np.deg2rad(turn_deg)])
+    return replace(capture, mesh=moved(capture.mesh, camera, np.concatenate([turn, shift])))
 
 
 def with_far_origin(capture: Capture, offset: tuple[float, float, float]) -> Capture:

@@ -15,7 +15,16 @@ from typing import NamedTuple
 from relight3d.camera import Camera
 from relight3d.effects import parse_force
 from relight3d.errors import InputError
-from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
+from relight3d.records import (
+    Capture,
+    Mirror,
+    Observations,
+    PatchMesh,
+    RelightModel,
+    ShadingPoints,
+    Surfaces,
+    TriangleMesh,
+)
 from relight3d.recover import visibility
 from relight3d.recover.assemble import assemble, summary
 from relight3d.recover.bounce import BounceOptions
@@ -26,6 +35,7 @@ from relight3d.recover.indirect import IndirectOptions
 from relight3d.recover.leftover import with_residual
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
 from relight3d.recover.mirror import EdgeTest, MirrorOptions
+from relight3d.recover.registration import Misplacement, Placed, RegistrationOptions, misplacement, place
 from relight3d.recover.residual import ResidualOptions
 from relight3d.recover.rounds.alternation import alternate
 from relight3d.recover.rounds.gloss import fit_gloss
@@ -51,6 +61,7 @@ class RecoverOptions:
     """One Options per stage; the defaults are what `relight3d recover` runs."""
 
     mesh: MeshOptions = field(default_factory=MeshOptions)
+    registration: RegistrationOptions = field(default_factory=RegistrationOptions)
     visibility: VisibilityOptions = field(default_factory=VisibilityOptions)
     surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
     texture: TextureOptions = field(default_factory=TextureOptions)
@@ -95,6 +106,55 @@ def recover(
     """
     options = options or RecoverOptions()
     clock = Clock(None if quiet else progress, 7 + 3 * options.num_rounds)
+    placed = register(capture, options, clock)
+    (stage, observed, mirrors, fitted), tests, photographs = placed.fit
+    fitted, mirrors, lost = _fit(stage, observed, mirrors, fitted, clock)
+    observed = without_blocked(observed, fitted)
+    with clock.stage("residual"):
+        model = assemble(stage, observed, mirrors, fitted, tests, photographs.exposure)
+        if options.residual.max_modes > 0 and not clock.has_time(options.budget_s, clock.latest[FIRST_FIT]):
+            lost.append("the residual")
+            stage = replace(stage, options=replace(options, residual=replace(options.residual, max_modes=0)))
+        model = with_residual(stage, observed, model)
+    log.info("recover: %s", summary(model))
+    notes = (*placed.notes, *model.warnings, *given_up(options.budget_s, lost))
+    return replace(model, seconds=clock.seconds, warnings=notes)
+
+
+class FirstFit(NamedTuple):
+    """The first alternation, and the mirrors that it has proven."""
+
+    stage: Stage
+    observed: Observations
+    mirrors: tuple[Mirror, ...]
+    fitted: Fitted
+
+
+class Begun(NamedTuple):
+    """All up to the first fit, for a mesh in its place."""
+
+    first: FirstFit
+    tests: list[EdgeTest]
+    photographs: Training
+
+
+def register(capture: Capture, options: RecoverOptions, clock: "Clock") -> Placed[Begun]:
+    """The first fit, with the mesh where the photographs show it."""
+
+    def fit(mesh: TriangleMesh) -> Begun:
+        return begin(replace(capture, mesh=mesh), options, clock)
+
+    def measure(begun: Begun, scale: float | None) -> Misplacement | None:
+        if not clock.has_time(options.budget_s, sum(clock.latest.values())):
+            return None
+        with clock.stage("registration"):
+            return misplacement(*begun.first, options.registration, scale)
+
+    return place(capture.mesh, capture.camera, fit, measure, options.registration)
+
+
+def begin(capture: Capture, options: RecoverOptions, clock: "Clock") -> Begun:
+    """Mesh, photographs, surfaces, mirrors, visibility and the first alternation."""
     with clock.stage("mesh"):
         mesh = prepare_mesh(capture.mesh, options.mesh)
         rays = ray_scene(mesh)
@@ -107,26 +167,7 @@ def recover(
         tests = test_mirrors(capture, mesh, rays, points, found, photographs, options)
         mirrors = accepted_mirrors(mesh, points, found, tests, options)
     first = first_fit(options, capture.camera, mesh, rays, points, found, photographs, mirrors, tests, clock)
-    stage, observed = first.stage, first.observed
-    fitted, mirrors, lost = _fit(stage, observed, first.mirrors, first.fitted, clock)
-    observed = without_blocked(observed, fitted)
-    with clock.stage("residual"):
-        model = assemble(stage, observed, mirrors, fitted, tests, photographs.exposure)
-        if options.residual.max_modes > 0 and not clock.has_time(options.budget_s, clock.seconds[FIRST_FIT]):
-            lost.append("the residual")
-            stage = replace(stage, options=replace(options, residual=replace(options.residual, max_modes=0)))
-        model = with_residual(stage, observed, model)
-    log.info("recover: %s", summary(model))
-    return replace(model, seconds=clock.seconds, warnings=(*model.warnings, *given_up(options.budget_s, lost)))
-
-
-class FirstFit(NamedTuple):
-    """The first alternation, and the mirrors that it has proven."""
-
-    stage: Stage
-    observed: Observations
-    mirrors: tuple[Mirror, ...]
-    fitted: Fitted
+    return Begun(first, tests, photographs)
 
 
 def first_fit(
@@ -164,7 +205,7 @@ def _fit(
     options, error, observed = stage.options, None, without_blocked(observed, fitted)
     # A round is lobes, detail and an alternation: until one is timed, it is taken for two alternations. The last stage
     # takes about one.
-    last_s = clock.seconds[FIRST_FIT]
+    last_s = clock.latest[FIRST_FIT]
     round_s = 2 * last_s
     for number in range(1, options.num_rounds + 1):
         if not clock.has_time(options.budget_s, round_s + last_s):
@@ -196,7 +237,8 @@ class Clock:
     """Keeps each stage's seconds, logs them, and tells how far the whole has come."""
 
     def __init__(self, progress: Callable[[str, float], None] | None, num_stages: int) -> None:
-        self.seconds: dict[str, float] = {}
+        self.seconds: dict[str, float] = {}  # of a stage that ran more than once, all together
+        self.latest: dict[str, float] = {}  # of its last run
         self._progress, self._num_stages = progress, num_stages
         self._start = time.perf_counter()
 
@@ -211,7 +253,8 @@ class Clock:
         if self._progress is not None:
             self._progress(name, len(self.seconds) / self._num_stages)
         yield
-        self.seconds[name] = time.perf_counter() - begin
-        log.info("%s: %.2f s", name, self.seconds[name])
+        self.latest[name] = time.perf_counter() - begin
+        self.seconds[name] = self.seconds.get(name, 0.0) + self.latest[name]
+        log.info("%s: %.2f s", name, self.latest[name])
         if self._progress is not None:
             self._progress(name, min(1.0, len(self.seconds) / self._num_stages))
