@@ -1,4 +1,4 @@
-"""Stage 1: the mesh, cleaned and subdivided; what was changed; and the result as PLY to look at.
+"""Stage 1: the mesh in its place, cleaned and subdivided; what was changed; and the result as PLY to look at.
 
     python pipelines/prepare_mesh.py data/desk --output output/stages/desk
 """
@@ -17,9 +17,11 @@ OPTIONS = RecoverOptions()
 
 
 def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, options: Options = OPTIONS) -> None:
-    made = Stages(capture, output, options).mesh
+    stages = Stages(capture, output, options)
+    made = stages.mesh
     write_mesh(output / "mesh.ply", made)
     report = made.report
+    say("\n".join(stages.placed[1]) or "the photographs show the mesh in its place")
     say(f"{report.num_faces_in} faces in, {report.num_faces_out} out; {len(made.vertices)} vertices")
     for kind, count in report.changes.items():
         say(f"  {kind.replace('_', ' ')}: {count}")

@@ -4,6 +4,7 @@ A stage asks those before it, and runs again only when its own inputs, its Optio
 The order is that of relight3d.recover.run; a test holds the two together.
 """
 
+from dataclasses import replace
 from functools import cached_property, wraps
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,16 @@ import tyro
 
 from relight3d.io.capture import load_capture
 from relight3d.io.stage_file import kept
-from relight3d.records import Capture, Mirror, Observations, PatchMesh, RelightModel, ShadingPoints, Surfaces
+from relight3d.records import (
+    Capture,
+    Mirror,
+    Observations,
+    PatchMesh,
+    RelightModel,
+    ShadingPoints,
+    Surfaces,
+    TriangleMesh,
+)
 from relight3d.recover import assemble, leftover, visibility
 from relight3d.recover.candidates import accepted_mirrors, find_surfaces, test_mirrors
 from relight3d.recover.mesh import prepare_mesh
@@ -23,7 +33,7 @@ from relight3d.recover.rounds.gloss import fit_gloss
 from relight3d.recover.rounds.reflections import fit_mirrors
 from relight3d.recover.rounds.relief import fit_detail
 from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
-from relight3d.recover.run import Clock, RecoverOptions, first_fit
+from relight3d.recover.run import Clock, RecoverOptions, first_fit, register
 from relight3d.recover.training import Training, read_training
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
@@ -56,8 +66,18 @@ class Stages:
         return kept(self.folder / f"{name}.npz", make, *made_of)
 
     @cached_property
+    def placed(self) -> tuple[TriangleMesh, tuple[str, ...]]:
+        """The mesh where the photographs show it, and a line for a person where it was moved."""
+
+        def make() -> tuple[TriangleMesh, tuple[str, ...]]:
+            found = register(self.capture, self.options, Clock(None, 1))
+            return found.mesh, found.notes
+
+        return self._kept("placed", make, self.capture, self.options)
+
+    @cached_property
     def mesh(self) -> PatchMesh:
-        given, options = self.capture.mesh, self.options.mesh
+        given, options = self.placed[0], self.options.mesh
         return self._kept("mesh", lambda: prepare_mesh(given, options), given, options)
 
     @cached_property
@@ -172,9 +192,10 @@ class Stages:
         def make() -> RelightModel:
             exposure, observed = self.photographs.exposure, without_blocked(self.observed, fitted)
             model = assemble.assemble(self.common, observed, mirrors, fitted, self.mirror_tests, exposure)
-            return leftover.with_residual(self.common, observed, model)
+            model = leftover.with_residual(self.common, observed, model)
+            return replace(model, warnings=(*self.placed[1], *model.warnings))
 
-        return self._round("model", make, fitted, mirrors, self.mirror_tests, self.options)
+        return self._round("model", make, fitted, mirrors, self.mirror_tests, self.placed[1], self.options)
 
     def _round(self, name: str, make, *made_of: object):
         common = (self.mesh, self.capture.camera, self.points, self.surfaces, self.mirrors_found, self.observed)

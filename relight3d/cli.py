@@ -76,8 +76,17 @@ def _parse(command: type, name: str, arguments: list[str]):
             cause = cause.__cause__ or cause.__context__
         if cause is not None:
             raise cause from None
-        sys.stderr.write(said.getvalue())
+        if stop.code in (None, DONE):  # --help
+            raise
+        _fail(f"{name}: {_in_one_line(said.getvalue())}; see relight3d {name} --help", BAD_INPUT)
         raise
+
+
+def _in_one_line(box: str) -> str:
+    """What tyro draws in a box, without the frame and the title, and without its way to the help."""
+    lines = [line.strip("│| ") for line in box.splitlines()]
+    words = [line for line in lines if line.strip("╭╮╰╯─+-") and line[0] not in "╭+"]
+    return " ".join(words).partition(" For full helptext")[0]
 
 
 def _overview() -> str:

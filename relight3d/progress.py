@@ -118,4 +118,4 @@ def _line_reporter(title: str) -> Report:
 def _console(name: Literal["stdout", "stderr"]) -> Console:
     stream = getattr(sys, name)
     # Tables need room in a pipe or file, which say nothing of their width.
-    return Console(file=stream, width=None if stream.isatty() else 140, highlight=False, markup=False)
+    return Console(file=stream, width=None if stream.isatty() else 140, highlight=False, markup=False, emoji=False)

@@ -62,10 +62,10 @@ def test_quiet_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_results_and_remarks_go_their_own_ways_unbroken(capsys: pytest.CaptureFixture[str]) -> None:
-    say("[red] " + "long " * 60)  # brackets are no markup, and a line is a line
+    say("[red] :gem: " + "long " * 60)  # brackets are no markup, names between colons no pictures, a line is a line
     remark("a remark")
     out, err = capsys.readouterr()
-    assert out.count("\n") == 1 and out.startswith("[red] long") and err == "a remark\n"
+    assert out.count("\n") == 1 and out.startswith("[red] :gem: long") and err == "a remark\n"
 
 
 def test_the_log_is_shown_while_it_is_wanted_and_no_longer(capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,7 +38,8 @@ def read_training(capture: Capture, mesh: PatchMesh, points: ShadingPoints) -> T
     if not is_valid.any():
         raise InputError("photographs", "no valid pixel on the mesh", "a mask that leaves some of the mesh")
     radiance[~is_valid] = 0.0
-    lights = tuple(tuple(light.translated(-mesh.center) for light in p.lights) for p in training)
+    # A lamp without power is off, as for a capture that was read from a folder.
+    lights = tuple(tuple(x.translated(-mesh.center) for x in p.lights if x.power.any()) for p in training)
     exposure = exposure_of(radiance[is_valid])
     return Training(*average_repeats(radiance, is_valid, lights), exposure)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 from scipy import ndimage
 
 from relight3d.camera import Camera
@@ -47,7 +47,8 @@ def observe(
     `lights` are those of each photograph, in centred coordinates; an empty tuple is a lights-off frame.
     """
     scale = photograph_scales(lights)
-    several = any(len(each) > 1 for each in lights)
+    # Of one lamp with all colours every colour has the same share of the form: one stands for all.
+    several = any(len(each) > 1 or not all(light.power.all() for light in each) for each in lights)
     num_photos, num_points = is_valid.shape
     form = np.zeros((num_photos, num_points, 3 if several else 1), np.float32)
     is_lit = np.zeros((num_photos, num_points), bool)
@@ -93,14 +94,18 @@ def observe(
     )
 
 
-def photograph_scales(lights: tuple[tuple[Light, ...], ...]) -> np.ndarray:
-    """The summed power of each photograph's lights per colour; for a lights-off one the mean of the others."""
+def photograph_scales(lights: tuple[tuple[Light, ...], ...]) -> Float64[np.ndarray, "photo 3"]:
+    """The summed power of each photograph's lights per colour; for a lights-off one the mean of the others.
+
+    A colour that its lamps do not have gets the mean of those that they have: what it shows is ambient light.
+    """
     total = np.array([np.sum([light.power for light in each], axis=0) if each else np.zeros(3) for each in lights])
-    is_dark = np.array([len(each) == 0 for each in lights])
-    if (~is_dark).any():
-        total[is_dark] = total[~is_dark].mean(axis=0)
-    else:
-        total[:] = 1.0
+    is_dark = np.array([not each.any() for each in total])
+    if is_dark.all():
+        return np.ones_like(total)
+    mean = total.sum(axis=1) / np.maximum((total > 0).sum(axis=1), 1)
+    total = np.where(total > 0, total, mean[:, None])
+    total[is_dark] = total[~is_dark].mean(axis=0)
     return total
 
 

@@ -32,7 +32,21 @@ def test_an_unknown_command_is_one_line(run) -> None:
 
 def test_an_unknown_flag_is_refused_with_the_nearest(run) -> None:
     status, _, err = run("recover", TINY, "-o", "x", "--specular.max-lobs", 3)
-    assert status == 2 and "--specular.max-lobes" in err
+    assert_one_line(status, err, "--specular.max-lobes")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("recover",), ["CAPTURE", "--output"]),
+        (("render", "a.relight", "--preset", "wrong"), ["wrong", "--preset", "balanced"]),
+        (("recover", TINY, "-o", "x", "--num-rounds", "two"), ["--num-rounds", "two"]),
+    ],
+    ids=["missing", "choice", "number"],
+)
+def test_arguments_that_cannot_be_read_are_one_line(run, arguments: tuple, words: list[str]) -> None:
+    status, _, err = run(*arguments)
+    assert_one_line(status, err, *words, f"see relight3d {arguments[0]} --help")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ QUICK = ["--mesh.target-faces", "2000", "--num-rounds", "1", "--num-alternations
 
 # script, arguments, a word it prints, files it leaves
 STAGES = [
-    ("prepare_mesh", [], "faces in", ["mesh.npz", "mesh.ply"]),
+    ("prepare_mesh", [], "faces in", ["placed.npz", "mesh.npz", "mesh.ply"]),
     ("find_surfaces", [], "8 surfaces", ["surfaces.npz", "surfaces.png"]),
     ("visibility", [], "shadow rays", ["visibility.npz", "visibility/train_00.png", "visibility/lights_off.png"]),
     ("diffuse_and_indirect", [], "Albedo", ["diffuse_0.npz", "albedo.exr", "albedo.png", "indirect.png"]),

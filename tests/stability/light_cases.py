@@ -85,6 +85,31 @@ def three_photographs() -> Outcome:
     return _few(3)
 
 
+@case("lights", "lamps of one colour each", "a colour that a lamp does not have: nothing divided by nothing")
+def one_color_each() -> Outcome:
+    rng = np.random.default_rng(6)
+    colors = (np.pi * np.eye(3)).tolist()
+    lights = [
+        (replace(toward(e, 20.0 * k)[0], irradiance=tuple(colors[k % 3])),)
+        for k, e in enumerate(rng.uniform(30, 80, 18))
+    ]
+    capture = under([*lights, ()])
+    model = checked(capture)
+    error = held_out_error(model, capture)
+    # Every colour has six photographs, and the held-out lights have all three.
+    assert error < GRACEFUL, error
+    return outcome(model, error)
+
+
+@case("lights", "no lamp has green or blue", "colours without any direct light")
+def red_only() -> Outcome:
+    capture = under([(replace(toward(e, 40.0 * e)[0], irradiance=(np.pi, 0.0, 0.0)),) for e in range(30, 80, 6)])
+    model = checked(capture)
+    seen = error_on(model, capture.split("train"))
+    assert seen < 2 * good_error(), seen
+    return outcome(model, seen)
+
+
 @case("lights", "all lights equal", "a design matrix of rank 1")
 def equal_lights() -> Outcome:
     capture = under([toward(50, 60)] * 6)
