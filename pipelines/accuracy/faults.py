@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from relight3d.evaluate.disturb import with_saturation
 from relight3d.io.capture import read_photograph
@@ -37,19 +36,6 @@ def with_saturated_pixels(capture: Capture, share: float) -> Capture:
     pictures = [read_photograph(capture, p) for p in capture.split("train")]
     values = np.concatenate([picture[valid] for picture, valid in pictures])
     return with_saturation(capture, float(np.quantile(values.max(axis=1), 1 - share)) * exposure_of(values.ravel()))
-
-
-def with_shifted_tests(capture: Capture, right_px: float) -> Capture:
-    """The held-out photographs of the captured viewpoint moved as the training ones were by disturb.with_shift."""
-
-    def moved(photograph: Photograph) -> Photograph:
-        if photograph.split != "test" or not photograph.camera.same_as(capture.camera):
-            return photograph
-        picture, valid = read_photograph(capture, photograph)
-        shifted = ndimage.shift(picture, (0, right_px, 0), order=1, mode="nearest")
-        return replace(photograph, pixels=shifted, is_valid=valid, image_path=None, mask_path=None)
-
-    return replace(capture, photographs=tuple(moved(p) for p in capture.photographs))
 
 
 def without_labels(capture: Capture) -> Capture:

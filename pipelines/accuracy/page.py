@@ -145,19 +145,12 @@ def robustness(rows: dict[str, Rows]) -> str:
                 lost = [f"{clean[group] - spoilt[group]:.2f}" for group in ("all", "captured view")]
                 values = (f"{spoilt['all']:.2f}", *lost, f"{after:.2f} ({best})", f"{before - after:.2f}")
                 cells.append((f"{name}: {WORDS[fault]}", *values))
-    notes = [
-        f"{name}, photographs 1 pixel beside the mesh: judged by held-out photographs that are moved alike, {OURS} has "
-        f"{found['shift']['psnr_moved'][OURS]['captured view']:.2f} dB at the captured viewpoint, the best baseline "
-        f"{best_baseline({'psnr': found['shift']['psnr_moved']}, 'captured view')[1]:.2f}."
-        for name, found in rows.items()
-        if "shift" in found
-    ]
     text = """## Faults of the photographs
 
-The training photographs are spoilt, the held-out ones are not, but for the note below. *Lost* is against the clean capture.
+The training photographs or the mesh are spoilt, the held-out photographs are not. *Lost* is against the clean capture.
 
 """
-    notes += [
+    notes = [
         f"{name}, {WORDS[fault]}: the model warns that {warning}."
         for name, found in rows.items()
         for fault in FAULTS

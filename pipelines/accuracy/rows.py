@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from accuracy.faults import with_lamp_left_on, with_saturated_pixels, without_labels, without_middle
-from relight3d.evaluate.disturb import with_blocked_light, with_noise, with_shift
+from relight3d.evaluate.disturb import with_blocked_light, with_misplaced_mesh, with_noise
 from relight3d.evaluate.run import OURS, Evaluation
 from relight3d.evaluate.study_captures import with_photographs
 from relight3d.io.files import write_text
@@ -36,7 +36,13 @@ ROWS = (
     Row("lamp", "one photograph with a second lamp on, not in its file", with_lamp_left_on),
     Row("left_out", "that photograph left out by hand", without_middle),
     Row("saturated", "2 % of pixels saturated", partial(with_saturated_pixels, share=SATURATED)),
-    Row("shift", "photographs 1 pixel beside the mesh", partial(with_shift, right_px=SHIFT_PX, down_px=0.0)),
+    Row("shift", "the mesh 1 pixel beside its place", partial(with_misplaced_mesh, right_px=SHIFT_PX, down_px=0.0)),
+    Row(
+        "shift_left",
+        "the same, and left there",
+        partial(with_misplaced_mesh, right_px=SHIFT_PX, down_px=0.0),
+        options={"registration.method": "off"},
+    ),
     Row("noise", "noise of 5 % of white", partial(with_noise, read=NOISE)),
     Row("no_bounce", "computed light between surfaces", options={"bounce.num_rays": 0}, needs_truth=True),
     Row("no_residual", "residual", options={"residual.max_modes": 0}, needs_truth=True),
@@ -47,7 +53,7 @@ ROWS = (
     Row("no_thrown", "light thrown by mirrors", options={"force": ("thrown=off",)}, needs_truth=True),
     Row("no_texture", "texture", options={"force": ("texture=off",)}, needs_truth=True),
 )
-FAULTS = ("lamp", "left_out", "blocked", "saturated", "shift", "noise")
+FAULTS = ("lamp", "left_out", "blocked", "saturated", "shift", "shift_left", "noise")
 RECOVERED_WITHOUT = ("no_bounce", "no_residual", "no_detail", "no_lobes", "no_thrown", "no_texture")
 WORDS = {row.name: row.words for row in ROWS}
 

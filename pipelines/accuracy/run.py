@@ -6,11 +6,10 @@ from pathlib import Path
 
 import relight3d
 from accuracy.ablation import ablation
-from accuracy.faults import with_shifted_tests
 from accuracy.frames import shots_of, truth_of
 from accuracy.measure import albedo, kinds, mirror, places
 from accuracy.relief import Relief
-from accuracy.rows import RECOVERED_WITHOUT, SHIFT_PX, Found, Row, figures
+from accuracy.rows import RECOVERED_WITHOUT, Found, Row, figures
 from relight3d.evaluate.study_settings import changed
 from relight3d.io.stage_file import kept, library_hash
 from relight3d.records import Capture, RelightModel
@@ -49,9 +48,6 @@ def measure(row: Row, capture: Capture, options: RecoverOptions, work: Path, ima
         relief = Relief(model, detailed, shots_of(read, model), truth, exposure)
         found["relief"] = relief.errors() | {"shown": relief.picture(images / PICTURE)}
         found["relief"]["evidence"] = [d.reason for d in detailed.decisions if d.effect == "detail" and d.is_on]
-    if row.name == "shift":
-        moved = relight3d.evaluate(model, with_shifted_tests(read, SHIFT_PX))
-        found["psnr_moved"] = figures(moved, read)
     return found
 
 

@@ -101,7 +101,11 @@ CURVES: dict[str, tuple[str, tuple[float, ...], Callable[[Capture, float], Captu
     "photographs": ("training photographs", (24, 16, 12, 8, 6, 4, 3, 2, 1), with_photographs),
     "clustering": ("lights within so many degrees (6 photographs)", (90, 60, 45, 30, 20, 12), with_clustered_lights),
     "noise": ("noise, % of white", (0, 0.5, 1, 2, 5, 10, 20), lambda c, x: disturb.with_noise(c, read=x / 100)),
-    "misregistration": ("shift, pixels", (0, 0.25, 0.5, 1, 2, 4), lambda c, x: disturb.with_shift(c, x, x / 2)),
+    "misregistration": (
+        "mesh beside its place, pixels",
+        (0, 0.25, 0.5, 1, 2, 4, 8),
+        lambda c, x: disturb.with_misplaced_mesh(c, x, x / 2),
+    ),
     "coarseness": (
         "vertices merged within, % of the diagonal",
         (0, 0.25, 0.5, 1, 2, 4),

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float32
-from scipy import ndimage
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
@@ -44,11 +43,6 @@ def with_quantisation(capture: Capture, num_bits: int) -> Capture:
     """Linear integers of `num_bits`, the highest of them white; what is brighter is cut."""
     step = _white(capture) / (2**num_bits - 1)
     return _with_images(capture, lambda image: np.clip(np.rint(image / step), 0, 2**num_bits - 1) * step)
-
-
-def with_shift(capture: Capture, right_px: float, down_px: float) -> Capture:
-    """Photographs that do not sit on the mesh, by a part of a pixel or more."""
-    return _with_images(capture, lambda image: ndimage.shift(image, (down_px, right_px, 0), order=1, mode="nearest"))
 
 
 def with_blocked_light(capture: Capture, index: int, share: float = 0.5) -> Capture:

@@ -14,7 +14,7 @@ FAULTS = {
     "noise": lambda c: disturb.with_noise(c, 0.01, 0.02),
     "saturation": lambda c: disturb.with_saturation(c, 0.8),
     "quantisation": lambda c: disturb.with_quantisation(c, 8),
-    "shift": lambda c: disturb.with_shift(c, 0.5, -0.25),
+    "misplaced": lambda c: disturb.with_misplaced_mesh(c, 0.5, -0.25, 1.0),
     "blocked": lambda c: disturb.with_blocked_light(c, 1),
     "wrong light": lambda c: disturb.with_wrong_light(c, 1, 20.0),
     "light error": lambda c: disturb.with_light_error(c, 2.0),
@@ -65,9 +65,17 @@ def test_saturation_and_quantisation(capture: Capture):
     assert np.abs(coarse - stack(capture))[below].max() <= 0.5001 * white / 15
 
 
-def test_shift_moves_the_picture_right_and_down(capture: Capture):
-    moved = stack(disturb.with_shift(capture, 3.0, 2.0))
-    np.testing.assert_allclose(moved[:, 2:, 3:], stack(capture)[:, :-2, :-3], atol=1e-6)
+def test_photographs_show_a_misplaced_mesh_right_and_below(capture: Capture):
+    camera, middle = capture.camera, capture.mesh.vertices.mean(axis=0)
+    moved = disturb.with_misplaced_mesh(capture, 3.0, 2.0)
+    off = camera.project(capture.mesh.vertices)[0] - camera.project(moved.mesh.vertices)[0]
+    nearest = np.argmin(np.linalg.norm(capture.mesh.vertices - middle, axis=1))
+    np.testing.assert_allclose(off[nearest], (3.0, 2.0), rtol=0.2)
+    turned = disturb.with_misplaced_mesh(capture, 0.0, 0.0, 2.0)
+    off = camera.project(capture.mesh.vertices)[0] - camera.project(turned.mesh.vertices)[0]
+    arm = camera.project(capture.mesh.vertices)[0] - (camera.cx, camera.cy)
+    # Clockwise in a picture whose y runs down: what is right of the middle goes down, what is below goes left.
+    np.testing.assert_allclose(off, np.deg2rad(2.0) * np.stack([-arm[:, 1], arm[:, 0]], axis=1), atol=0.1)
 
 
 def test_a_blocked_light_darkens_one_photograph(capture: Capture):
