@@ -19,6 +19,7 @@ from relight3d.relight.light_rows import light_row
 from relight3d.relight.lobe_kernels import NUM_ROWS
 from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.shade_kernels import NUM_IMAGE_COLUMNS
 from relight3d.relight.shadows import Shadows
 from relight3d.relight.tiles import tiles
 from relight3d.shading import mirrored_light, residual_kernel
@@ -26,7 +27,7 @@ from relight3d.tracing import RayScene, over_threads
 from relight3d.views import View
 
 EMPTY = np.zeros((0, 3), np.float32)
-NO_IMAGES = np.zeros((0, 0, 6), np.float32)
+NO_IMAGES = np.zeros((0, 0, NUM_IMAGE_COLUMNS), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
 NO_MODES = (NO_ROWS, NO_WEIGHTS)
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
@@ -129,7 +130,7 @@ class Engine:
 
     # ------------------------------------------------------------------------------------- indirect
 
-    def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 3"]:
+    def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 4"]:
         indirect = self.model.indirect
         assert indirect is not None
         far = np.zeros((sites.coefficients.shape[1], 3))
@@ -145,7 +146,7 @@ class Engine:
             else:
                 ambient = ambient + self._without_polynomial(light, sites)
         polynomial = sites.to_basis if sites.to_basis is not None else np.zeros((0, 20))
-        out = np.empty((len(ambient), 3), np.float32)
+        out = np.empty((len(ambient), 4), np.float32)  # the fourth column only fills the row
         lamps = (np.array(places).reshape(-1, 3), np.array(powers).reshape(-1, 3))
         reach = (np.ascontiguousarray(indirect.anchors), float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
 
@@ -191,7 +192,7 @@ class Engine:
         modes = self.buffers.modes
         if modes is None or len(modes.source) == 0 or len(weights[0]) == 0:
             return NO_IMAGES
-        images = np.empty((len(weights[0]), len(self.model.pixels.points), 6), np.float32)
+        images = np.empty((len(weights[0]), len(self.model.pixels.points), NUM_IMAGE_COLUMNS), np.float32)
         lit, dark = self._weighted(weights)
         ones = np.ones((len(images), kernels.ROW), np.float32)
 

@@ -44,7 +44,7 @@ class FillEngine(Engine):
         b = self.buffers
         (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
         if self._blend is not None:
-            at_anchors = np.empty((len(self._blend[0]), 3), np.float32)
+            at_anchors = np.empty((len(self._blend[0]), 4), np.float32)
             fill_kernels.blend(*self._blend, irradiance, at_anchors)
             irradiance = at_anchors
         lobes = self._bright_lobes(rows)

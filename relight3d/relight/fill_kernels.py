@@ -8,6 +8,7 @@ read there.
 import numpy as np
 
 from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined
+from relight3d.relight.lanes import blend_colors
 from relight3d.relight.lobe_kernels import FORM, NUM_ROWS, TOTAL, add_lobes
 from relight3d.relight.pixel_kernels import CHUNK, LANES, finish_block
 from relight3d.relight.shade_kernels import add_read_residual, aim, is_seen, light_up
@@ -52,14 +53,7 @@ def _read_cells(cell, corner, first, last, a, values, work):
 def _read_loose(loose, corner, share, first, last, a, values, work):
     """Irradiance of the loose points first..last from their anchors."""
     for i in range(first, last):
-        red, green, blue = ZERO, ZERO, ZERO
-        for k in range(4):
-            weight, row = share[i, k], corner[i, k]
-            red += weight * values[row, 0]
-            green += weight * values[row, 1]
-            blue += weight * values[row, 2]
-        place = loose[i] - a
-        work[IRRADIANCE, place], work[IRRADIANCE + 1, place], work[IRRADIANCE + 2, place] = red, green, blue
+        blend_colors(corner, share, i, values, 0, work, IRRADIANCE, loose[i] - a)  # pyright: ignore[reportCallIssue]
 
 
 @fused_inlined

@@ -4,7 +4,7 @@ import numpy as np
 
 from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, fused, fused_inlined
 from relight3d.relight.lobe_kernels import TOTAL
-from relight3d.relight.shade_kernels import LANES, PER_FULL, shade_points
+from relight3d.relight.shade_kernels import DARK_COLUMN, LANES, PER_FULL, shade_points
 
 CHUNK = 16 * LANES  # pixels shaded at once: long runs from each of a dozen arrays, and all of it stays in the cache
 # Rows of a block's second workspace: radiance; one light's modes; how far its pixels see that light, and do not.
@@ -153,4 +153,4 @@ def residual_images(first, last, lit, dark, light, ones, pixels, images):
                 _add_modes(dark[0], block, dark[1], light, share, ones, pixels)
             for lane in range(min(LANES, len(images) - LANES * block)):
                 for c in range(3):
-                    images[LANES * block + lane, 3 * state + c] = pixels[PIXELS + c, lane]
+                    images[LANES * block + lane, DARK_COLUMN * state + c] = pixels[PIXELS + c, lane]
