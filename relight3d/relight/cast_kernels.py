@@ -8,9 +8,9 @@ import numpy as np
 
 from relight3d.maths.pixel_parts import HALVINGS, PLACES
 from relight3d.packets import DIRECTION, FAR, NEVER, NUM_RAY_ROWS, ORIGIN, WIDTH, call_query, empty_packet, occluded
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE, incident, inlined
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE, compiled, incident, inlined, take
 from relight3d.relight.lanes import leave_surface, mark_blocked
-from relight3d.relight.ray_kernels import DARK, LIT, ask_borders, narrow_borders
+from relight3d.relight.ray_kernels import DARK, LIT, ask_borders, face_light, find_borders, gather, narrow_borders
 
 
 @numba.njit(nogil=True, cache=True)
@@ -72,6 +72,32 @@ def cast_listed(packets, light, position, geometric, offset, index, state, seen)
             for lane in range(count):
                 p, is_blocked = np.uintp(index[start + lane]), far[lane] < 0
                 state[p], seen[p] = (DARK, 0) if is_blocked else (LIT, FULL)
+
+
+@numba.njit(nogil=True, cache=True)
+def cast_tiles(counter, size, packets, light, ground, position, geometric, normal, offset, state, seen):
+    """Tiles of `size` points, as long as there are any: their states, and a ray from each that asks. Returns how many."""
+    num, count, index = len(state), 0, np.empty(size, np.int32)
+    while True:
+        first = take(counter) * size  # pyright: ignore[reportCallIssue]
+        if first >= num:
+            return count
+        last = min(first + size, num)
+        face_light(light, ground, position, geometric, normal, first, last, state)
+        asked = index[: gather(first, last, state, index)]
+        cast_listed(packets, light, position, geometric, offset, asked, state, seen)
+        count += len(asked)
+
+
+@compiled
+def find_in_tiles(counter, size, neighbour, state, pairs):
+    """ray_kernels.find_borders of tiles of `size` points, as long as there are any."""
+    num, count = len(state), 0
+    while True:
+        first = take(counter) * size  # pyright: ignore[reportCallIssue]
+        if first >= num:
+            return count
+        count += find_borders(neighbour, state, first, min(first + size, num), pairs[count:])
 
 
 @numba.njit(nogil=True, cache=True)

@@ -7,7 +7,7 @@ read there.
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined
+from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined, take
 from relight3d.relight.lanes import blend_colors
 from relight3d.relight.lobe_kernels import FORM, NUM_ROWS, TOTAL, add_lobes
 from relight3d.relight.pixel_kernels import CHUNK, LANES, finish_block
@@ -67,7 +67,7 @@ def _add_irradiance(lights, light, n, work):
 
 @fused
 def fill(
-    first, last, start, pixel, cells, loose, lights, seen, position, normal, viewer, diffuse, gloss, surface,
+    counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, diffuse, gloss, surface,
     lobe_start, lobes, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """pixel_kernels.shade with indirect light read off anchors (`irradiance`; length 0 for none).
@@ -77,8 +77,12 @@ def fill(
     """
     cell_start, cell, cell_corner = cells
     loose_start, loose_point, loose_corner, loose_share = loose
-    for begin in range(first, last, CHUNK):
-        end, chunk = min(begin + CHUNK, last), begin // CHUNK
+    while True:
+        chunk = take(counter)  # pyright: ignore[reportCallIssue]
+        begin = chunk * CHUNK
+        if begin >= len(pixel):
+            return
+        end = min(begin + CHUNK, len(pixel))
         a, b = start[begin], start[end]
         n = b - a
         if len(irradiance):
