@@ -87,13 +87,14 @@ def test_points_in_a_row_and_scattered_ones_get_the_same_shadows(light) -> None:
     if scene.packets is None:
         pytest.skip("no packets here")
     packets, num = scene.packets, len(points)
-    planes = [np.ascontiguousarray(part.T) for part in (points.position, points.geometric_normal)]
-    given = ((packets.occluded, packets.scene, packets.arguments), light_row(light)[None], *planes)
+    position, geometric = np.ascontiguousarray(points.position.T), np.ascontiguousarray(points.geometric_normal.T)
+    addresses, offset = (packets.occluded, packets.scene, packets.arguments), np.float32(scene.offset_distance)
 
     def states(lists: list) -> np.ndarray:
         state, seen = np.zeros(num, np.uint8), np.full(num, 7, np.uint8)
         for index in lists:
-            cast_kernels.cast_listed(*given, np.float32(scene.offset_distance), index.astype(np.int32), state, seen)
+            given = (index.astype(np.int32), state, seen)
+            cast_kernels.cast_listed(addresses, light_row(light)[None], position, geometric, offset, *given)
         assert ((seen == kernels.FULL) == (state == ray_kernels.LIT)).all()
         return state
 
