@@ -232,9 +232,10 @@ def over_threads(work: Callable, parts: Iterable) -> list:
     if not job.results:
         return []
     threads = num_threads()
-    # Keyed by process, since threads do not survive a fork.
+    jobs = _jobs(threads, os.getpid())  # keyed by process, since threads do not survive a fork
     for _ in range(min(threads, len(job.results)) - 1):
-        _jobs(threads, os.getpid()).put(job.run)
+        if jobs.qsize() < threads:  # else helpers get no core, and what waits for them would pile up
+            jobs.put(job.run)
     job.run()
     return job.wait()
 
