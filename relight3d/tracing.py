@@ -9,8 +9,10 @@ Where Embree's packets can be had (packets.py), rays go through it sixteen at a 
 import os
 from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
+from itertools import count
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,9 +174,52 @@ def num_threads() -> int:
     return max(1, int(os.environ.get("RELIGHT3D_THREADS", "0")) or len(os.sched_getaffinity(0)))
 
 
+def _serve(jobs: SimpleQueue) -> None:
+    while True:
+        jobs.get()()
+
+
 @cache
-def _pool(threads: int, process: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="relight3d-rays")
+def _jobs(threads: int, process: int) -> SimpleQueue:
+    """What the helping threads wait at: a queue, since an executor's futures cost more than a small tile."""
+    jobs: SimpleQueue = SimpleQueue()
+    for _ in range(threads):  # one to spare: the last one may still wait for a core
+        Thread(target=_serve, args=(jobs,), name="relight3d-rays", daemon=True).start()
+    return jobs
+
+
+class _Job:
+    """Parts of one piece of work, taken by whichever thread comes."""
+
+    def __init__(self, work: Callable, parts: list) -> None:
+        self.results: list = [None] * len(parts)
+        self._work, self._todo = work, deque(enumerate(parts))  # popleft is atomic
+        self._ended, self._is_over, self._errors = count(1), Lock(), []  # so is next
+        self._is_over.acquire()
+
+    def run(self) -> None:
+        while self._todo:
+            try:
+                index, part = self._todo.popleft()
+            except IndexError:
+                return
+            try:
+                if not self._errors:
+                    self.results[index] = self._work(part)
+            except BaseException as error:  # raised again by who waits
+                self._errors.append(error)
+            if next(self._ended) == len(self.results):
+                self._is_over.release()
+
+    def wait(self) -> list:
+        """Until all parts are done; raises what one of them met."""
+        self._is_over.acquire()
+        # A helper that comes too late may still hold the job, but not what it worked on.
+        results, self.results = self.results, []
+        del self._work
+        if self._errors:
+            raise self._errors[0]
+        return results
 
 
 def over_threads(work: Callable, parts: Iterable) -> list:
@@ -183,30 +228,16 @@ def over_threads(work: Callable, parts: Iterable) -> list:
     The caller works too, and does not wait for helpers that have not begun: on a busy machine waking a thread can take
     longer than a frame. So it may be called from such work as well.
     """
-    parts = list(parts)
-    todo = deque(enumerate(parts))  # popleft is atomic
-    results: list = [None] * len(parts)
-
-    def run() -> None:
-        while todo:
-            try:
-                index, part = todo.popleft()
-            except IndexError:
-                return
-            results[index] = work(part)
-
-    num_helpers = min(num_threads(), len(parts)) - 1
-    # Keyed by process, since threads do not survive a fork.
-    helpers = [_pool(num_threads(), os.getpid()).submit(run) for _ in range(num_helpers)]
-    try:
-        run()
-    finally:
-        todo.clear()
-        wait([helper for helper in helpers if not helper.cancel()])
-    for helper in helpers:
-        if not helper.cancelled():
-            helper.result()  # raises what the helper met
-    return results
+    job = _Job(work, list(parts))
+    if not job.results:
+        return []
+    threads = num_threads()
+    jobs = _jobs(threads, os.getpid())  # keyed by process, since threads do not survive a fork
+    for _ in range(min(threads, len(job.results)) - 1):
+        if jobs.qsize() < threads:  # else helpers get no core, and what waits for them would pile up
+            jobs.put(job.run)
+    job.run()
+    return job.wait()
 
 
 def _over_tiles(work: Callable[[slice], object], num: int) -> list:

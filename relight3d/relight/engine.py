@@ -1,11 +1,10 @@
 """The compiled engine: a frame is shadow rays, one small indirect product, and one fused shading pass."""
 
 import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from relight3d.forward import background_radiance, dark_residual
 from relight3d.lights import DirectionalLight, Light
@@ -19,16 +18,18 @@ from relight3d.relight.light_rows import light_row
 from relight3d.relight.lobe_kernels import NUM_ROWS
 from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.shade_kernels import NUM_IMAGE_COLUMNS
 from relight3d.relight.shadows import Shadows
-from relight3d.relight.tiles import tiles
+from relight3d.relight.tiles import counting, tiles
 from relight3d.shading import mirrored_light, residual_kernel
 from relight3d.tracing import RayScene, over_threads
 from relight3d.views import View
 
 EMPTY = np.zeros((0, 3), np.float32)
-NO_IMAGES = np.zeros((0, 0, 6), np.float32)
+NO_IMAGES = np.zeros((0, 0, NUM_IMAGE_COLUMNS), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
 NO_MODES = (NO_ROWS, NO_WEIGHTS)
+MIN_SITES = 8192  # fewer are not worth a second thread
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
 
 
@@ -52,8 +53,6 @@ class Engine:
         self.shadows = Shadows(scene, model, self.buffers, options, self.anchors)
         self.sites = self.buffers.sites
         self.num_readings = 0 if self.sites is None else self.sites.source.size  # of indirect light, in a frame
-        # Whole blocks of the residual in every tile.
-        self._tiles = tiles(len(self.buffers.pixel_of_rank), pixel_kernels.CHUNK)
         starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])
         self._chunk_points = int(np.diff(starts).max(initial=0))
         self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
@@ -90,8 +89,13 @@ class Engine:
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
     def _virtual_row(self, light: Light, mirror_index: int) -> np.ndarray:
+        """The light behind the mirror that its reflection seems to come from."""
         mirror = self.model.mirrors[mirror_index]
-        row = light_row(mirrored_light(light, mirror))
+        if isinstance(light, DirectionalLight):  # without a light that checks itself
+            row, way = light_row(light), np.asarray(light.to_light)
+            row[kernels.PLACE : kernels.PLACE + 3] = way - 2 * (way @ mirror.normal) * mirror.normal
+        else:
+            row = light_row(mirrored_light(light, mirror))
         row[kernels.COLOR : kernels.COLOR + 3] *= mirror.reflectance.astype(np.float32)
         return row
 
@@ -101,17 +105,14 @@ class Engine:
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
         points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
 
-        def shade(part: slice) -> None:
+        def shade(counter: np.ndarray) -> None:
             pixel_kernels.shade(
-                part.start, part.stop, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance,
+                counter, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance,
                 source, share, images, lit, dark, np.empty((NUM_ROWS, self._chunk_points), np.float32),
                 scratch(), flat,
             )  # fmt: skip
 
-        self._over_tiles(shade)
-
-    def _over_tiles(self, shade: Callable[[slice], None]) -> None:
-        over_threads(shade, self._tiles)
+        counting(shade)
 
     def _given(self, weights: tuple[np.ndarray, np.ndarray], images: np.ndarray) -> tuple[Any, Any, Any, Any]:
         """The residual as the kernels read it: source and share, lit and dark modes."""
@@ -129,33 +130,37 @@ class Engine:
 
     # ------------------------------------------------------------------------------------- indirect
 
-    def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 3"]:
+    def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 4"]:
         indirect = self.model.indirect
         assert indirect is not None
-        far = np.zeros((sites.coefficients.shape[1], 3))
-        ambient, places, powers = sites.ambient, [], []
+        far, ambient = np.zeros((sites.coefficients.shape[1], 3), np.float32), sites.ambient
+        ways, colors, places, powers = [], [], [], []
         for light in lights:
-            if isinstance(light, DirectionalLight):
-                to_light = np.asarray(light.to_light)[None]
-                direction, _ = within_reach(to_light, indirect.anchors, indirect.reach_rad)
-                far += evaluate_basis(indirect.basis, direction)[0][:, None] * light.power
-            elif sites.to_basis is not None:
+            at_infinity = isinstance(light, DirectionalLight)
+            if sites.to_basis is None:
+                if at_infinity:
+                    direction, _ = within_reach(np.array([light.to_light]), indirect.anchors, indirect.reach_rad)
+                    far += evaluate_basis(indirect.basis, direction)[0][:, None] * light.power
+                else:
+                    ambient = ambient + self._without_polynomial(light, sites)
+            elif at_infinity:
+                ways.append(light.to_light)
+                colors.append(light.power)
+            else:
                 places.append(light.position)
                 powers.append(light.power * self._part(light, sites))
-            else:
-                ambient = ambient + self._without_polynomial(light, sites)
         polynomial = sites.to_basis if sites.to_basis is not None else np.zeros((0, 20))
-        out = np.empty((len(ambient), 3), np.float32)
-        lamps = (np.array(places).reshape(-1, 3), np.array(powers).reshape(-1, 3))
+        out = np.empty((len(ambient), 4), np.float32)  # the fourth column only fills the row
+        given = (_triples(ways), _triples(colors), _triples(places), _triples(powers))
         reach = (np.ascontiguousarray(indirect.anchors), float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
 
         def evaluate(part: slice) -> None:
             site_irradiance(
-                part.start, part.stop, sites.coefficients, ambient, far.astype(np.float32), *lamps, *reach,
-                indirect.softening, sites.positions, polynomial, np.empty(far.shape, np.float32), np.empty(20), out,
+                part.start, part.stop, sites.coefficients, ambient, far.copy(), *given, *reach,
+                indirect.softening, sites.positions, polynomial, np.empty_like(far), np.empty(20), out,
             )  # fmt: skip
 
-        over_threads(evaluate, tiles(len(out)))
+        over_threads(evaluate, tiles(len(out), MIN_SITES))
         return out
 
     @staticmethod
@@ -191,7 +196,7 @@ class Engine:
         modes = self.buffers.modes
         if modes is None or len(modes.source) == 0 or len(weights[0]) == 0:
             return NO_IMAGES
-        images = np.empty((len(weights[0]), len(self.model.pixels.points), 6), np.float32)
+        images = np.empty((len(weights[0]), len(self.model.pixels.points), NUM_IMAGE_COLUMNS), np.float32)
         lit, dark = self._weighted(weights)
         ones = np.ones((len(images), kernels.ROW), np.float32)
 
@@ -214,6 +219,10 @@ class Engine:
             alone[self.buffers.pixel_of_rank] = False
             out[alone] = np.maximum(out[alone], 0.0)  # the others are clamped when their points are in
         return out
+
+
+def _triples(rows: list) -> Float64[np.ndarray, "row 3"]:
+    return np.array(rows, np.float64).reshape(-1, 3)
 
 
 def scratch() -> Float32[np.ndarray, "8 lane"]:

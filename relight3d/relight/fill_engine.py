@@ -9,6 +9,7 @@ from relight3d.relight.buffers import Buffers, Sites
 from relight3d.relight.engine import Engine, scratch
 from relight3d.relight.kernels import AT_INFINITY, COLOR, KIND, PLACE
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.tiles import counting
 from relight3d.tracing import RayScene
 from relight3d.views import View
 
@@ -44,20 +45,20 @@ class FillEngine(Engine):
         b = self.buffers
         (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
         if self._blend is not None:
-            at_anchors = np.empty((len(self._blend[0]), 3), np.float32)
+            at_anchors = np.empty((len(self._blend[0]), 4), np.float32)
             fill_kernels.blend(*self._blend, irradiance, at_anchors)
             irradiance = at_anchors
         lobes = self._bright_lobes(rows)
         points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
 
-        def fill(part: slice) -> None:
+        def fill(counter: np.ndarray) -> None:
             fill_kernels.fill(
-                part.start, part.stop, b.point_start, b.pixel_of_rank, self._cells, self._loose, rows, seen, *points,
+                counter, b.point_start, b.pixel_of_rank, self._cells, self._loose, rows, seen, *points,
                 irradiance, source, share, images, lit, dark,
                 np.empty((fill_kernels.NUM_FILL_ROWS, self._chunk_points), np.float32), scratch(), flat,
             )  # fmt: skip
 
-        self._over_tiles(fill)
+        counting(fill)
 
     def _most_irradiance(self, rows: np.ndarray) -> float:
         """What the strongest light sends to any point of the mesh."""

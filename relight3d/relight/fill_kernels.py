@@ -7,7 +7,8 @@ read there.
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined
+from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined, take
+from relight3d.relight.lanes import blend_colors
 from relight3d.relight.lobe_kernels import FORM, NUM_ROWS, TOTAL, add_lobes
 from relight3d.relight.pixel_kernels import CHUNK, LANES, finish_block
 from relight3d.relight.shade_kernels import add_read_residual, aim, is_seen, light_up
@@ -52,14 +53,7 @@ def _read_cells(cell, corner, first, last, a, values, work):
 def _read_loose(loose, corner, share, first, last, a, values, work):
     """Irradiance of the loose points first..last from their anchors."""
     for i in range(first, last):
-        red, green, blue = ZERO, ZERO, ZERO
-        for k in range(4):
-            weight, row = share[i, k], corner[i, k]
-            red += weight * values[row, 0]
-            green += weight * values[row, 1]
-            blue += weight * values[row, 2]
-        place = loose[i] - a
-        work[IRRADIANCE, place], work[IRRADIANCE + 1, place], work[IRRADIANCE + 2, place] = red, green, blue
+        blend_colors(corner, share, i, values, 0, work, IRRADIANCE, loose[i] - a)  # pyright: ignore[reportCallIssue]
 
 
 @fused_inlined
@@ -73,7 +67,7 @@ def _add_irradiance(lights, light, n, work):
 
 @fused
 def fill(
-    first, last, start, pixel, cells, loose, lights, seen, position, normal, viewer, diffuse, gloss, surface,
+    counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, diffuse, gloss, surface,
     lobe_start, lobes, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """pixel_kernels.shade with indirect light read off anchors (`irradiance`; length 0 for none).
@@ -83,8 +77,12 @@ def fill(
     """
     cell_start, cell, cell_corner = cells
     loose_start, loose_point, loose_corner, loose_share = loose
-    for begin in range(first, last, CHUNK):
-        end, chunk = min(begin + CHUNK, last), begin // CHUNK
+    while True:
+        chunk = take(counter)  # pyright: ignore[reportCallIssue]
+        begin = chunk * CHUNK
+        if begin >= len(pixel):
+            return
+        end = min(begin + CHUNK, len(pixel))
         a, b = start[begin], start[end]
         n = b - a
         if len(irradiance):

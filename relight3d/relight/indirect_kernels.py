@@ -28,16 +28,42 @@ def _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine):
     return mx * inverse, my * inverse, mz * inverse
 
 
+@inlined
+def _add_functions(x, y, z, color, anchors, reach_cosine, reach_sine, to_basis, terms, rows):
+    """The functions of the basis at a direction, times a colour, added to `rows`."""
+    x, y, z = _direction_within_reach(x, y, z, anchors, reach_cosine, reach_sine)
+    count, px = 0, 1.0
+    for i in range(4):
+        py = px
+        for j in range(4 - i):
+            pz = py
+            for _ in range(4 - i - j):
+                terms[count] = pz
+                count += 1
+                pz *= z
+            py *= y
+        px *= x
+    for b in range(len(to_basis)):
+        value = 0.0
+        for t in range(20):
+            value += to_basis[b, t] * terms[t]
+        for c in range(3):
+            rows[b, c] += np.float32(value * color[c])
+
+
 @compiled
 def site_irradiance(
-    first, last, coefficients, ambient, far_rows, places, powers, anchors, reach_cosine, reach_sine, softening,
-    positions, to_basis, rows, terms, out,
+    first, last, coefficients, ambient, far_rows, ways, colors, places, powers, anchors, reach_cosine, reach_sine,
+    softening, positions, to_basis, rows, terms, out,
 ):  # fmt: skip
     """Indirect and ambient irradiance at sites first..last, eq. (7), never below 0.
 
-    `far_rows` (basis x 3) sums the functions of the lights at infinity by their colours; lamps (`places`, `powers`)
-    have other functions at every site. `rows` (as `far_rows`) and `terms` (20) are scratch.
+    `far_rows` (basis x 3) begins with what is known of the lights at infinity; the functions of those of directions
+    `ways` are added there. Lamps (`places`, `powers`) have others at every site. `rows` and `terms` (20) are scratch.
     """
+    for light in range(len(ways)):
+        x, y, z = ways[light, 0], ways[light, 1], ways[light, 2]
+        _add_functions(x, y, z, colors[light], anchors, reach_cosine, reach_sine, to_basis, terms, far_rows)
     for v in range(first, last):
         for b in range(len(rows)):
             for c in range(3):
@@ -49,26 +75,11 @@ def site_irradiance(
             distance = math.sqrt(dx * dx + dy * dy + dz * dz)
             strength = 1.0 / max(distance, softening) ** 2
             inverse = 1.0 / max(distance, 1e-150)
-            x, y, z = _direction_within_reach(
-                dx * inverse, dy * inverse, dz * inverse, anchors, reach_cosine, reach_sine
-            )
-            count, px = 0, 1.0
-            for i in range(4):
-                py = px
-                for j in range(4 - i):
-                    pz = py
-                    for _ in range(4 - i - j):
-                        terms[count] = pz
-                        count += 1
-                        pz *= z
-                    py *= y
-                px *= x
-            for b in range(len(to_basis)):
-                value = 0.0
-                for t in range(20):
-                    value += to_basis[b, t] * terms[t]
-                for c in range(3):
-                    rows[b, c] += np.float32(value * strength * powers[lamp, c])
+            r, g, b = strength * powers[lamp, 0], strength * powers[lamp, 1], strength * powers[lamp, 2]
+            _add_functions(
+                dx * inverse, dy * inverse, dz * inverse, (r, g, b), anchors, reach_cosine, reach_sine, to_basis,
+                terms, rows,
+            )  # fmt: skip
         for c in range(3):
             total = ambient[v, c]
             for b in range(len(rows)):

@@ -15,6 +15,7 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
 from relight3d.maths.pixel_parts import FULL as FULL  # `seen` of a lit point
 
@@ -75,3 +76,14 @@ def float_of(_typing, bits):
         return builder.bitcast(given[0], ir.FloatType())
 
     return types.float32(types.int32), generate
+
+
+@intrinsic
+def take(_typing, counter):
+    """The next number of a counter (an array of one int64) that several threads count on: each gets its own."""
+
+    def generate(context, builder, signature, given):
+        place = make_array(signature.args[0])(context, builder, given[0]).data
+        return builder.atomic_rmw("add", place, ir.IntType(64)(1), "monotonic")
+
+    return types.int64(counter), generate

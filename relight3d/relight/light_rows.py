@@ -1,6 +1,7 @@
 """Lights as rows of numbers for the kernels, and extended lights as samples."""
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float32
@@ -11,6 +12,12 @@ from relight3d.relight.kernels import AXIS, COLOR, CONE_COSINE, CONE_POWER, CONE
 
 def light_row(light: Light) -> Float32[np.ndarray, " row"]:
     """One light (centred coordinates) as the kernels read it."""
+    return _kept_row(light).copy()
+
+
+@lru_cache(maxsize=64)
+def _kept_row(light: Light) -> Float32[np.ndarray, " row"]:
+    """Several parts of a frame ask for it."""
     row = np.zeros(ROW, np.float32)
     row[KIND] = 0.0 if isinstance(light, DirectionalLight) else 1.0
     row[PLACE : PLACE + 3] = light.to_light if isinstance(light, DirectionalLight) else light.position

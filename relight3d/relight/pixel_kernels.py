@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, fused, fused_inlined
+from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, fused, fused_inlined, take
 from relight3d.relight.lobe_kernels import TOTAL
-from relight3d.relight.shade_kernels import LANES, PER_FULL, shade_points
+from relight3d.relight.shade_kernels import DARK_COLUMN, LANES, PER_FULL, shade_points
 
 CHUNK = 16 * LANES  # pixels shaded at once: long runs from each of a dozen arrays, and all of it stays in the cache
 # Rows of a block's second workspace: radiance; one light's modes; how far its pixels see that light, and do not.
@@ -115,16 +115,19 @@ def finish_block(first, last, a, start, pixel, lights, seen, lit, dark, work, pi
 
 @fused
 def shade(
-    first, last, start, pixel, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes,
+    counter, start, pixel, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes,
     site_source, site_share, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
-    """Radiance of the pixels of rank first..last (first a multiple of 16): every term, added up, clamped at 0.
+    """Radiance of chunks of pixels, as long as there are any: every term, added up, clamped at 0.
 
     `out` (pixel x 3, flat) holds what else each pixel shows. Arrays of an absent effect have length 0. `work` has room for
     a chunk's points (shade_kernels.NUM_ROWS rows), `pixels` for its pixels (NUM_PIXEL_ROWS rows).
     """
-    for begin in range(first, last, CHUNK):
-        end = min(begin + CHUNK, last)
+    while True:
+        begin = take(counter) * CHUNK  # pyright: ignore[reportCallIssue]
+        if begin >= len(pixel):
+            return
+        end = min(begin + CHUNK, len(pixel))
         a, b = start[begin], start[end]
         shade_points(
             a, b, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes, site_source,
@@ -153,4 +156,4 @@ def residual_images(first, last, lit, dark, light, ones, pixels, images):
                 _add_modes(dark[0], block, dark[1], light, share, ones, pixels)
             for lane in range(min(LANES, len(images) - LANES * block)):
                 for c in range(3):
-                    images[LANES * block + lane, 3 * state + c] = pixels[PIXELS + c, lane]
+                    images[LANES * block + lane, DARK_COLUMN * state + c] = pixels[PIXELS + c, lane]

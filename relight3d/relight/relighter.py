@@ -5,8 +5,8 @@ import time
 from collections.abc import Iterable
 from copy import copy
 from dataclasses import asdict
-from functools import partial
-from typing import TYPE_CHECKING
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -99,7 +99,7 @@ class Relighter:
         else:
             radiance, milliseconds, rays = self._render_with_numpy(centred)
         height, width = self.camera.height, self.camera.width
-        settings = asdict(self.options) | {"view_ms": self.view_ms, "view_rays": self.view.num_rays}
+        settings = _settings(self.options) | {"view_ms": self.view_ms, "view_rays": self.view.num_rays}
         return Frame(
             radiance.reshape(height, width, 3),
             self.view.is_hit,
@@ -122,6 +122,12 @@ class Relighter:
         picture = gather_pixels(self.model, self.view, lights, shaded)
         rays = {"shadow": shaded.num_rays, "border": shaded.num_border_rays, "thrown": shaded.num_thrown_rays}
         return np.maximum(sum(picture), 0.0), {"shade": 1e3 * (time.perf_counter() - start)}, rays
+
+
+@lru_cache(maxsize=8)
+def _settings(options: RelightOptions) -> dict[str, Any]:
+    """asdict takes longer than a tile."""
+    return asdict(options)
 
 
 def _view_settings(options: RelightOptions) -> tuple:

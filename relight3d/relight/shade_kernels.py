@@ -25,9 +25,13 @@ from relight3d.relight.kernels import (
     ZERO,
     fused_inlined,
 )
-from relight3d.relight.lobe_kernels import FORM, TOTAL, WAY, add_lobes
+from relight3d.relight.lanes import blend_colors
+from relight3d.relight.lobe_kernels import BASE, FORM, LOBES, TOTAL, WAY, add_lobes
 
 LANES = 64  # pixels of a block
+# Columns of captured pixels' residual: where they see the light, and where they do not; the rows into which points read it.
+LIT_COLUMN, DARK_COLUMN, NUM_IMAGE_COLUMNS = 0, 4, 8
+READ_LIT, READ_DARK = LOBES, BASE
 PER_FULL = np.float32(1 / FULL)
 
 
@@ -92,30 +96,29 @@ def _add_diffuse(lights, light, diffuse, a, b, work):
 @fused_inlined
 def _add_indirect(source, share, irradiance, diffuse, a, b, work):
     """Irradiance blended from the sites, times the albedo."""
-    for i in range(b - a):
-        red, green, blue = ZERO, ZERO, ZERO
-        for k in range(source.shape[1]):
-            weight, row = share[a + i, k], source[a + i, k]
-            red += weight * irradiance[row, 0]
-            green += weight * irradiance[row, 1]
-            blue += weight * irradiance[row, 2]
-        work[TOTAL, i] += diffuse[0, a + i] * red
-        work[TOTAL + 1, i] += diffuse[1, a + i] * green
-        work[TOTAL + 2, i] += diffuse[2, a + i] * blue
+    n = b - a
+    for i in range(n):
+        blend_colors(source, share, a + i, irradiance, 0, work, LOBES, i)  # pyright: ignore[reportCallIssue]
+    for c in range(3):
+        albedo, arriving, total = diffuse[c, a:b], work[LOBES + c, :n], work[TOTAL + c, :n]
+        for i in range(n):
+            total[i] += albedo[i] * arriving[i]
 
 
 @fused_inlined
 def add_read_residual(lights, seen, source, share, images, a, b, work):
-    """The residual of points of another view, read from the captured pixels' (`images`: lit rgb, dark rgb)."""
+    """The residual of points of another view, read from the captured pixels' (from those columns of `images` on)."""
+    n = b - a
     for light in range(len(images)):
-        for p in range(a, b):
-            part = np.float32(seen[light, p]) * PER_FULL
-            for k in range(4):
-                if share[p, k] > 0:
-                    for c in range(3):
-                        value = part * images[light, source[p, k], c]
-                        value += (ONE - part) * images[light, source[p, k], 3 + c]
-                        work[TOTAL + c, p - a] += share[p, k] * lights[light, COLOR + c] * value
+        image, part = images[light], seen[light, a:b]
+        for i in range(n):
+            blend_colors(source, share, a + i, image, LIT_COLUMN, work, READ_LIT, i)  # pyright: ignore[reportCallIssue]
+            blend_colors(source, share, a + i, image, DARK_COLUMN, work, READ_DARK, i)  # pyright: ignore[reportCallIssue]
+        for c in range(3):
+            lit, dark, total = work[READ_LIT + c, :n], work[READ_DARK + c, :n], work[TOTAL + c, :n]
+            color = lights[light, COLOR + c]
+            for i in range(n):
+                total[i] += color * (dark[i] + np.float32(part[i]) * PER_FULL * (lit[i] - dark[i]))
 
 
 @fused_inlined

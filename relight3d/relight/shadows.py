@@ -4,7 +4,7 @@ from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int64, UInt8
 
 from relight3d.lights import Light
 from relight3d.records import RelightModel
@@ -12,15 +12,17 @@ from relight3d.relight import ray_kernels
 from relight3d.relight.anchors import Anchors
 from relight3d.relight.borders import Borders, Pairs
 from relight3d.relight.buffers import Buffers
+from relight3d.relight.cast_kernels import cast_tiles, find_in_tiles
 from relight3d.relight.casting import cast_listed
 from relight3d.relight.ground import ground_of
 from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
 from relight3d.relight.lattice import Lattice
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.tiles import tiles
+from relight3d.relight.tiles import counters, counting, tiles
 from relight3d.tracing import RayScene, over_threads
 
+TILE = 2048  # points of a tile of rays
 Seen = UInt8[np.ndarray, " point"]
 
 
@@ -90,10 +92,10 @@ class Shadows:
             self.rays[effect] = self.rays.get(effect, 0) + num
             self.rays["border"] += num_border
             return seen
-        num = sum(over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles))
+        num = sum(self._cast_all(light, seen))
         self.rays[effect] = self.rays.get(effect, 0) + num
         if self._options.borders:
-            self.rays["border"] += self._borders.cast(light, self._find_borders, self._tiles, seen)
+            self.rays["border"] += self._borders.cast(light, self._find_borders, counters(), seen)
         return seen
 
     def _face(self, light: np.ndarray, part: slice) -> None:
@@ -105,15 +107,24 @@ class Shadows:
         self._face(light, part)
         seen[part][self._state[part] == ray_kernels.ASKS] = FULL
 
+    def _cast_all(self, light: np.ndarray, seen: Seen) -> list[int]:
+        """A ray from each point that asks for one; how many, by thread."""
+        packets, b = self._scene.packets, self._buffers
+        if packets is None:
+            return over_threads(lambda part: self._cast_tile(light, part, seen), self._tiles)
+        addresses = (packets.occluded, packets.scene, packets.arguments)
+        given = (addresses, light, self._ground, b.position, b.geometric_normal, b.normal, self._offset)
+        return counting(lambda counter: cast_tiles(counter, TILE, *given, self._state, seen))
+
     def _cast_tile(self, light: np.ndarray, part: slice, seen: Seen) -> int:
         self._face(light, part)
         index, b = self._index[part], self._buffers
         index = index[: ray_kernels.gather(part.start, part.stop, self._state, index)]
         return cast_listed(self._scene, light, b.position, b.geometric_normal, index, self._state, seen)
 
-    def _find_borders(self, part: slice) -> Pairs:
-        pairs = np.empty((2 * (part.stop - part.start) + 1, 3), np.int32)
-        return pairs[: ray_kernels.find_borders(self._buffers.neighbour, self._state, part.start, part.stop, pairs)]
+    def _find_borders(self, counter: Int64[np.ndarray, "1"]) -> Pairs:
+        pairs = np.empty((2 * len(self._buffers) + 1, 3), np.int32)
+        return pairs[: find_in_tiles(counter, TILE, self._buffers.neighbour, self._state, pairs)]
 
     # ------------------------------------------------------------------------------------- table
 
