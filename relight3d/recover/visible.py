@@ -5,8 +5,8 @@ on a display: with a just visible error added before and after, in squared displ
 
     gain = 10 log10((before + JUST_VISIBLE) / (before / factor + JUST_VISIBLE)).
 
-`before` is the error of the photographs that were fitted, without the effect. What then gains no more than its noise is
-dropped, unless a person forces it on.
+`before` is the error of the photographs that were fitted, without the effect. No effect gains more than what these lose
+when it is taken out. What then gains no more than its noise is dropped, unless a person forces it on.
 """
 
 from collections.abc import Iterator, Mapping
@@ -62,14 +62,16 @@ def needed_db(stage: Stage, effect: str, evidence: Evidence) -> float:
 
 def without_unseen(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
     """The fits with gains as a display shows them, and without the effects of surfaces that show too little."""
-    before = _errors_without(stage, observed, mirrors, fitted)
+    before, whole = _errors_without(stage, observed, mirrors, fitted)
     evidence = dict(fitted.evidence)
     unseen: list[tuple[str, int]] = []
     for (effect, surface), error in before.items():
         old = evidence.get((effect, surface))
         if old is None:
             continue
-        new = replace(old, gain_db=visible_gain_db(old.gain_db, error))
+        # Left-out photographs are judged by the pixels that an effect is fitted to; over all it may be worth less.
+        worth = visible_step_db(error, whole[surface])
+        new = replace(old, gain_db=min(visible_gain_db(old.gain_db, error), worth))
         evidence[effect, surface] = new
         is_kept = stage.forced.get((effect, surface), new.gain_db > needed_db(stage, effect, new))
         if surface >= 0 and not is_kept:
@@ -103,8 +105,9 @@ def _without(stage: Stage, observed: Observations, fitted: Fitted, unseen: list[
 
 def _errors_without(
     stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
-) -> Mapping[tuple[str, int], float]:
-    """Mean square of display values by which the fitted photographs are missed without each effect that is there.
+) -> tuple[Mapping[tuple[str, int], float], Mapping[int, float]]:
+    """Mean square of display values by which the fitted photographs are missed without each effect that is there, and,
+    by surface (SCENE for all), with all of them.
 
     Clear of shadow borders, and off the outlines, where a pixel mixes what it covers; of a surface that is nearly all
     outline, everywhere.
@@ -133,7 +136,9 @@ def _errors_without(
         for name, there in is_there.items()
         for s in np.flatnonzero(there)
     }
-    return errors | {("indirect", SCENE): float(squares["indirect"].sum() / max(known.sum(), 1.0))}
+    errors["indirect", SCENE] = float(squares["indirect"].sum() / max(known.sum(), 1.0))
+    whole = {int(s): float(squares["none"][s] / max(known[s], 1.0)) for s in range(num)}
+    return errors, whole | {SCENE: float(squares["none"].sum() / max(known.sum(), 1.0))}
 
 
 def _pictures_without(
@@ -157,6 +162,7 @@ def _pictures_without(
             "detail": albedo * over_pi * (smooth[photo, some] + indirect) + smooth_shine,
             "lobes": albedo * light,
             "indirect": albedo * over_pi * lit + shine,
+            "none": albedo * light + shine,
         }
 
 
