@@ -192,6 +192,8 @@ def misplacement(
 
     `scale` is the ordinary size of a miss, of another fit, with which this one is to be compared.
     """
+    if min(stage.camera.height, stage.camera.width) <= 2 * MARGIN_PX:
+        return None
     chosen = np.linspace(0, len(stage.points) - 1, min(len(stage.points), MAX_POINTS)).astype(np.int64)
     fields, unit = _fields(stage, chosen)
     light = direct_irradiance(stage, observed, mirrors, fitted) + fitted.irradiance

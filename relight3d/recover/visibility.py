@@ -13,6 +13,8 @@ from relight3d.records import Mirror, Observations, PatchMesh, ShadingPoints
 from relight3d.shading import cast_light
 from relight3d.tracing import RayScene
 
+MAX_DIM = 4.0  # times the usual power, beyond which a photograph's noise is not taken to be smaller
+
 
 @dataclass(frozen=True)
 class VisibilityOptions:
@@ -73,8 +75,9 @@ def observe(
                 for patch in lit.thrown:
                     safe[photo] &= _away_from_borders(patch > 0, points, camera, options.border_px)
     usable = (scale > 0) & np.isfinite(scale)
-    mean = np.where(usable, scale, 0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
-    dim = np.where(usable, scale / np.maximum(mean, 1e-30), 0.0)
+    usual = np.array([np.median(one[good]) if good.any() else 1.0 for one, good in zip(scale.T, usable.T)])
+    # A lamp that is said to be a thousand times as strong as the others must not be the only one that is believed.
+    dim = np.where(usable, np.minimum(scale / usual, MAX_DIM), 0.0)
     weight = is_valid * (np.min(dim, axis=1) ** 2)[:, None]
     normalised = radiance / np.where(usable, scale, 1.0)[:, None, :].astype(np.float32)
     normalised = np.where(is_valid[..., None], normalised, 0.0).astype(np.float32)

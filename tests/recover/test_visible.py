@@ -26,7 +26,7 @@ def first() -> FirstFit:
 def with_lobe(strength: float, gain_db: float):
     """The first fit with a lobe on the table that left-out photographs are said to gain by."""
     stage, observed, _, fitted = first()
-    lobe = Lobe(color=np.full(3, strength), axes=np.array([-1.0, -1.0, 1.0]), exponent=60.0, tangent=np.array([1.0, 0.0, 0.0]))
+    lobe = Lobe(np.full(3, strength), np.array([-1.0, -1.0, 1.0]), 60.0, np.zeros(3))
     lobes = tuple((lobe,) if s == TABLE else () for s in range(stage.surfaces.num_surfaces))
     evidence = {("lobes", TABLE): Evidence(gain_db, 0.4, "said so")}
     fitted = replace(fitted, lobes=lobes, evidence=evidence)

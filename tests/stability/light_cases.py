@@ -110,6 +110,19 @@ def red_only() -> Outcome:
     return outcome(model, seen)
 
 
+@case("lights", "one lamp said to be 1000 times as strong", "its photograph outweighs all others")
+def one_wrong_power() -> Outcome:
+    capture = good_capture()
+    wrong = capture.split("train")[2]
+    lights = tuple(replace(light, irradiance=tuple(1e3 * light.power)) for light in wrong.lights)
+    photographs = [replace(p, lights=lights) if p is wrong else p for p in capture.photographs]
+    model = recover(replace(capture, photographs=tuple(photographs)), SMALL, quiet=True)
+    error = held_out_error(model, capture)
+    assert error < 2 * good_error(), error
+    assert any("disagree" in line for line in model.warnings), model.warnings
+    return outcome(model, error)
+
+
 @case("lights", "all lights equal", "a design matrix of rank 1")
 def equal_lights() -> Outcome:
     capture = under([toward(50, 60)] * 6)

@@ -128,7 +128,7 @@ def set_stage(
         ),
         anchors=anchors,
         softening=0.5 * mesh.radius,
-        white=1.0 / (exposure * float(observed.scale.mean())),
+        white=1.0 / (exposure * float(np.median(observed.scale))),
         forced=forced_states(surfaces.names, options.force),
     )
 
