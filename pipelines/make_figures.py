@@ -25,13 +25,19 @@ from relight3d.display.pixel_figure import pixels_of
 from relight3d.display.pixel_report import inspect_subject
 from relight3d.display.probe import vulkan_trouble
 from relight3d.display.subject import Subject
+from relight3d.evaluate.disturb import with_misplaced_mesh
+from relight3d.io.capture import read_photograph
 from relight3d.io.stage_file import kept
+from relight3d.maths.color import srgb_from_linear
 from relight3d.progress import say
+from relight3d.records import Capture
+from relight3d.recover.registration import RegistrationOptions
 from relight3d.recover.run import RecoverOptions
 
 CAPTURE, OUTPUT, WORK, STUDY = Path("data/desk"), Path("docs/images"), Path("output/desk"), Path("output/study")
 FITS = ("status:indirect", "rank:indirect", "condition:indirect")
 PIXEL = (0.73, 0.82)  # looked at: a place in the picture, as parts of its width and height
+OFF_PX = (1.0, 0.5)  # right and down: of the picture about registration
 DPI = 80  # of the layers' figures: small files
 
 
@@ -49,12 +55,28 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, work: Path = WOR
     save(output / "pixel.png", pixels_of(inspect_subject(subject, x, y).figure()))
     evaluation = relight3d.evaluate(model, read)
     save(output / "contact_sheet.png", contact_sheet(read.folder.name, strips(model, read, evaluation)))
+    save(output / "registration.png", misplaced_and_placed(read))
     for plot in sorted((study / "plots").glob("*.svg")):
         (output / plot.name).write_bytes(plot.read_bytes())
     if HAS_XVFB and not vulkan_trouble()[0]:
         shoot_viewer(work / "model.relight", capture, output)
     total = sum(path.stat().st_size for path in output.rglob("*.png"))
     say(f"{output}: {total / 1e6:.1f} MB of pictures")
+
+
+def misplaced_and_placed(capture: Capture) -> np.ndarray:
+    """A held-out photograph relit, and four times the difference: the mesh beside its place, and moved back (below)."""
+    off = with_misplaced_mesh(capture, *OFF_PX)
+    photograph = capture.split("test")[0]
+    taken, _ = read_photograph(capture, photograph)
+    rows = []
+    for method in ("off", "auto"):
+        options = RecoverOptions(prices=False, registration=RegistrationOptions(method=method))
+        frame = relight3d.Relighter(relight3d.recover(off, options)).render(list(photograph.lights))
+        relit, wanted = (srgb_from_linear(x * np.float32(frame.exposure)) for x in (frame.radiance, taken))
+        difference = np.where(frame.is_hit[..., None], np.clip(0.5 + 4 * (relit - wanted), 0, 1), 0.5)
+        rows.append(np.concatenate([relit, difference], axis=1))
+    return (255 * np.concatenate(rows)).round().astype(np.uint8)
 
 
 def save(path: Path, pixels: np.ndarray) -> None:

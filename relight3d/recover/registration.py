@@ -57,6 +57,11 @@ class RegistrationOptions:
             raise InputError("registration.method", self.method, "auto or off")
         if not 0 < self.min_shift_px < self.max_shift_px:
             raise InputError("registration.min_shift_px", self.min_shift_px, "more than 0, less than max_shift_px")
+        if not self.max_shift_px <= 100:
+            raise InputError("registration.max_shift_px", self.max_shift_px, "100 at most")
+        for name in ("settled_px", "min_certainty", "min_gain_db"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise InputError(f"registration.{name}", getattr(self, name), "a number of 0 or more")
         if not 1 <= self.max_steps <= 50:
             raise InputError("registration.max_steps", self.max_steps, "1 to 50")
 
@@ -131,7 +136,7 @@ def place(
     if found.shift_px > options.max_shift_px:
         far = f"the photographs seem to show the mesh {found.shift_px:.0f} pixels off its place: check its pose"
         return Placed(mesh, first, (far,))
-    begin, best = found, (found.misfit, mesh, first)
+    begin, best, least = found, Placed(mesh, first), found.misfit
     here, share, to_go = mesh, 1.0, [found.shift_px]
     for _ in range(options.max_steps):
         step = found.motion / share
@@ -142,21 +147,21 @@ def place(
         if now is None:
             break
         to_go.append(now.shift_px)
-        if now.misfit < best[0]:
-            best = now.misfit, here, fitted
+        if now.misfit < least:
+            best, least = Placed(here, fitted), now.misfit
         share, is_nearer = now.share_shown(found, step), now.shift_px < found.shift_px
         found = now
         if found.shift_px < options.settled_px * share or not is_nearer:
             break
-    gain = 10 * np.log10(begin.misfit / max(best[0], 1e-30))
+    gain = 10 * np.log10(begin.misfit / max(least, 1e-30))
     log.info("registration: %s px to go; %.2f dB", ", ".join(f"{px:.2f}" for px in to_go), gain)
-    if best[1] is mesh or gain < options.min_gain_db:
+    if best.mesh is mesh or gain < options.min_gain_db:
         return Placed(mesh, first)
-    right, down = _mean_shift(mesh, best[1], camera)
+    right, down = _mean_shift(mesh, best.mesh, camera)
     note = (
         f"the photographs show the mesh {right:+.2f} pixels right and {down:+.2f} down of its place: it was moved there"
     )
-    return Placed(best[1], best[2], (note,))
+    return replace(best, notes=(note,))
 
 
 def moved(mesh: TriangleMesh, camera: Camera, motion: Float64[np.ndarray, "6"]) -> TriangleMesh:

@@ -144,7 +144,17 @@ def test_lights_off_and_spoilt_photographs_do_not_count():
     assert misplacement(*first, RegistrationOptions()) is None
 
 
-@pytest.mark.parametrize("options", [{"method": "on"}, {"min_shift_px": 0.0}, {"min_shift_px": 9.0}, {"max_steps": 0}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "on"},
+        {"min_shift_px": 0.0},
+        {"min_shift_px": 9.0},
+        {"max_steps": 0},
+        {"min_certainty": float("nan")},
+        {"max_shift_px": 1e3},
+    ],
+)
 def test_options_out_of_range_are_refused(options: dict):
     with pytest.raises(InputError, match="registration"):
         RegistrationOptions(**options)
