@@ -5,8 +5,8 @@ on a display: with a just visible error added before and after, in squared displ
 
     gain = 10 log10((before + JUST_VISIBLE) / (before / factor + JUST_VISIBLE)).
 
-`before` is the error of the photographs that were fitted, without the effect. No effect gains more than what these lose
-when it is taken out. What then gains no more than its noise is dropped, unless a person forces it on.
+`before` is the error of the photographs that were fitted, without the effect. No effect of a surface gains more than what
+these lose when it is taken out. What then gains no more than its noise is dropped, unless a person forces it on.
 """
 
 from collections.abc import Iterator, Mapping
@@ -69,9 +69,10 @@ def without_unseen(stage: Stage, observed: Observations, mirrors: tuple[Mirror, 
         old = evidence.get((effect, surface))
         if old is None:
             continue
-        # Left-out photographs are judged by the pixels that an effect is fitted to; over all it may be worth less.
-        worth = visible_step_db(error, whole[surface])
-        new = replace(old, gain_db=min(visible_gain_db(old.gain_db, error), worth))
+        gain = visible_gain_db(old.gain_db, error)
+        # Left-out photographs are judged by the pixels that a surface's effect is fitted to; over all it may do less.
+        gain = gain if surface == SCENE else min(gain, visible_step_db(error, whole[surface]))
+        new = replace(old, gain_db=gain)
         evidence[effect, surface] = new
         is_kept = stage.forced.get((effect, surface), new.gain_db > needed_db(stage, effect, new))
         if surface >= 0 and not is_kept:
@@ -107,7 +108,7 @@ def _errors_without(
     stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted
 ) -> tuple[Mapping[tuple[str, int], float], Mapping[int, float]]:
     """Mean square of display values by which the fitted photographs are missed without each effect that is there, and,
-    by surface (SCENE for all), with all of them.
+    by surface, with all of them.
 
     Clear of shadow borders, and off the outlines, where a pixel mixes what it covers; of a surface that is nearly all
     outline, everywhere.
@@ -138,7 +139,7 @@ def _errors_without(
     }
     errors["indirect", SCENE] = float(squares["indirect"].sum() / max(known.sum(), 1.0))
     whole = {int(s): float(squares["none"][s] / max(known[s], 1.0)) for s in range(num)}
-    return errors, whole | {SCENE: float(squares["none"].sum() / max(known.sum(), 1.0))}
+    return errors, whole
 
 
 def _pictures_without(
