@@ -13,6 +13,7 @@ from relight3d.maths.light_basis import BASES, embedding
 from relight3d.records import Background, Observations, RelightModel
 from relight3d.recover import indirect, residual
 from relight3d.recover.decisions import decision
+from relight3d.recover.rounds.light import calm_radiance
 from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Stage
 from relight3d.recover.visible import JUST_VISIBLE, displayed, thinned, visible_gain_db
 from relight3d.shading import light_strength, reflected
@@ -64,7 +65,7 @@ def _given(stage: Stage, observed: Observations, model: RelightModel, view: "Vie
     # A hot pixel, a million times white, would be all that the modes are made of: it is told from its neighbours.
     is_sane = np.abs(misfit).max(axis=2) < 8 * stage.white
     known = (observed.weight > 0)[bright] & is_sane
-    slope = 1.0 / (np.maximum(observed.radiance[bright], 0) + np.float32(0.1 * stage.white)) ** 2
+    slope = 1.0 / (calm_radiance(stage, observed)[bright] + np.float32(0.1 * stage.white)) ** 2
     strength = np.array([_mean_strength(each, stage.softening) for each in observed.lights if each], np.float32)
     misfit = np.where(is_sane[..., None], misfit, 0.0).astype(np.float32) / strength[:, None, None]
     has_albedo = (model.pixels.albedo != model.surface_albedo[stage.surface].astype(np.float32)).any(axis=1)

@@ -254,7 +254,7 @@ def _told(
     stage: Stage, observed: Observations, fitted: Fitted, light: np.ndarray, chosen: np.ndarray, blur_px: float
 ) -> _Told:
     """The chosen points' part of the photographs; `light` is the irradiance of all points in each."""
-    calm, white = dark_weights(observed.radiance, stage.white), np.float32(stage.white)
+    calm, white = dark_weights(stage, observed), np.float32(stage.white)
     layers = np.zeros((4, len(observed.lights), len(chosen)), np.float32)
     weight = np.zeros(layers.shape[1:], np.float32)
     can_tell = (observed.weight > 0) & stage.is_matte & ~observed.is_highlight

@@ -3,12 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float32
 
 from relight3d.effects import SCENE
 from relight3d.maths.least_squares import Solution, robust_weights
 from relight3d.records import Mirror, Observations
 from relight3d.recover import bounce, diffuse, indirect, sites, texture
-from relight3d.recover.rounds.light import direct_irradiance
+from relight3d.recover.rounds.light import calm_radiance, direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
 
@@ -43,7 +44,7 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         smooth,
         diffuse.border_pairs(observed, stage.points, stage.surface, stage.camera, options.diffuse),
         # An error in the dark shows more than the same error in the light: the indirect light is fitted as it is seen.
-        dark_weights(observed.radiance, stage.white),
+        dark_weights(stage, observed),
     )
     first = fitted.solution is None
     steps = options.num_alternations if first else max(2, options.num_alternations // 2)
@@ -187,10 +188,10 @@ def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.
     return (weight if fitted.trust is None else weight * fitted.trust).astype(np.float32)
 
 
-def dark_weights(radiance: np.ndarray, white: float) -> np.ndarray:
+def dark_weights(stage: Stage, observed: Observations) -> Float32[np.ndarray, "photo point"]:
     """Squared slope of a logarithm with a floor, at most 1: what a display shows of a difference."""
-    gray, floor = np.maximum(radiance.mean(axis=2), 0.0), np.float32(0.05 * white)
-    return ((floor / (gray + floor)) ** 2).astype(np.float32)
+    gray, floor = calm_radiance(stage, observed).mean(axis=2), np.float32(0.05 * stage.white)
+    return (floor / (gray + floor)) ** 2
 
 
 def _joint(stage: Stage, observed, target, weight, direct, relative, site_owner, num_owners: int) -> Solution:

@@ -1,10 +1,15 @@
 """How the lamps light the points, and what the lobes make of it, with the detail found so far."""
 
 import numpy as np
+from jaxtyping import Float32
+from scipy.ndimage import gaussian_filter
 
 from relight3d.records import Mirror, Observations, ShadingPoints
 from relight3d.recover import specular
 from relight3d.recover.rounds.state import Fitted, Stage
+
+WEIGHTS_BLUR_PX = 1.5
+QUIET = 0.02  # of white: noise that weights with floors of 0.05 and 0.1 do not follow, as a median
 
 
 def direct_irradiance(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> np.ndarray:
@@ -54,4 +59,29 @@ def specular_layers(stage: Stage, observed: Observations, fitted: Fitted) -> np.
                 to_light = np.asarray(light.incident(points.position[mine])[0], np.float32)
                 value = specular.specular_radiance(lobes, fitted.normal[mine], to_light, points.to_viewer[mine], form)
                 out[photo, mine] += value * fitted.lobe_gain[mine, None]
+    return out
+
+
+def calm_radiance(stage: Stage, observed: Observations) -> Float32[np.ndarray, "photo point 3"]:
+    """Photographs for weights that go with brightness, at least 0: blurred where all of them are noisy.
+
+    A weight that goes with a pixel's own noise believes the pixel most where its noise is darkest.
+    """
+    shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
+    picture = np.zeros(stage.camera.num_pixels, np.float32)
+
+    def blurred(values: np.ndarray) -> np.ndarray:
+        picture[pixel] = values
+        return gaussian_filter(picture.reshape(shape), WEIGHTS_BLUR_PX).ravel()[pixel]
+
+    out = np.empty_like(observed.radiance)
+    for photo, is_known in enumerate(observed.weight > 0):
+        share = np.maximum(blurred(is_known.astype(np.float32)), np.float32(1e-6))
+        value = observed.radiance[photo] * is_known[:, None]
+        mean = np.stack([blurred(one) / share for one in value.T], axis=1)
+        # Half of the pixels of one photograph that differ no more than this from their neighbours: no noise is larger.
+        noise = np.median(np.abs(value - mean)[is_known]) if is_known.any() else np.inf
+        if not observed.is_dark[photo] and noise < QUIET * stage.white:
+            return np.maximum(observed.radiance, 0.0)
+        out[photo] = np.maximum(mean, 0.0)
     return out
