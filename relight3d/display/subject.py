@@ -13,7 +13,7 @@ from relight3d.io.capture import read_photograph
 from relight3d.lights import Light
 from relight3d.records import Capture, Frame, Observations, Photograph, RelightModel
 from relight3d.recover import visibility
-from relight3d.recover.training import average_repeats
+from relight3d.recover.training import average_repeats, under_same_lights
 from relight3d.relight.relighter import Relighter
 from relight3d.shading import ray_scene
 from relight3d.tracing import RayScene
@@ -66,10 +66,8 @@ class Subject:
         """
         if self.capture is None:
             raise InputError("capture", "none", "the capture that the model was recovered from")
-        by_lights: dict[str, Photograph] = {}
-        for photograph in self.capture.split("train"):
-            by_lights.setdefault(repr([light.to_dict() for light in photograph.lights]), photograph)
-        training = tuple(by_lights.values())
+        training = self.capture.split("train")
+        training = tuple(training[group[0]] for group in under_same_lights(tuple(p.lights for p in training)))
         if len(training) != len(self.model.lights) or not self.capture.camera.same_as(self.model.camera):
             got = f"training photographs under {len(training)} sets of lights, of another scene or version of it"
             raise InputError("capture", got, "the capture that the model was recovered from")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relight3d.effects import SCENE
+from relight3d.maths.blur import blur_known
 from relight3d.maths.light_basis import BASES, embedding
 from relight3d.records import Background, Observations, RelightModel
 from relight3d.recover import indirect, residual
@@ -108,19 +109,10 @@ def _fit_state(
 
 def _of_state(stage: Stage, misfits: residual.Misfits, is_known: np.ndarray) -> residual.Misfits:
     """The misfits with the part of them that neighbouring pixels share, of those that are known."""
-    from scipy.ndimage import gaussian_filter
-
     shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
-    shared, picture = np.empty_like(misfits.value), np.zeros(stage.camera.num_pixels, np.float32)
-
-    def spread(values: np.ndarray) -> np.ndarray:
-        picture[pixel] = values
-        return gaussian_filter(picture.reshape(shape), SHARED_PX).ravel()[pixel]
-
+    shared = np.empty_like(misfits.value)
     for photo, known in enumerate(is_known):
-        parts = np.maximum(spread(known.astype(np.float32)), 1e-6)
-        for color in range(3):
-            shared[photo, :, color] = spread(np.where(known, misfits.value[photo, :, color], 0.0)) / parts
+        shared[photo] = blur_known(misfits.value[photo], known, pixel, shape, SHARED_PX).reshape(3, -1)[:, pixel].T
     return replace(misfits, shared=shared)
 
 

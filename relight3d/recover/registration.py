@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
+from relight3d.maths.blur import blur_known
 from relight3d.maths.least_squares import robust_scale, robust_weights
 from relight3d.records import Mirror, Observations, TriangleMesh
 from relight3d.recover.rounds.alternation import dark_weights
@@ -255,40 +256,27 @@ def _told(
 ) -> _Told:
     """The chosen points' part of the photographs; `light` is the irradiance of all points in each."""
     calm, white = dark_weights(stage, observed), np.float32(stage.white)
+    shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
     layers = np.zeros((4, len(observed.lights), len(chosen)), np.float32)
     weight = np.zeros(layers.shape[1:], np.float32)
     can_tell = (observed.weight > 0) & stage.is_matte & ~observed.is_highlight
     can_tell[list(fitted.blocked)] = False
     for photo in np.flatnonzero(can_tell.any(axis=1)):
         predicted = fitted.albedo / np.float32(np.pi) * light[photo]
-        values = observed.radiance[photo].mean(axis=1) / white, predicted.mean(axis=1) / white
-        pictures, is_whole = _blurred(stage, can_tell[photo], values, blur_px)
-        down, right = np.gradient(pictures[1])
-        for layer, picture in zip(layers, (pictures[0] - pictures[1], -right, -down, pictures[1])):
-            layer[photo] = picture.ravel()[stage.points.pixel[chosen]]
-        weight[photo] = (is_whole.ravel()[stage.points.pixel] * calm[photo])[chosen]
+        values = np.stack([observed.radiance[photo].mean(axis=1) / white, predicted.mean(axis=1) / white], axis=1)
+        taken, shown = blur_known(values, can_tell[photo], pixel, shape, blur_px)
+        down, right = np.gradient(shown)
+        for layer, picture in zip(layers, (taken - shown, -right, -down, shown)):
+            layer[photo] = picture.ravel()[pixel[chosen]]
+        mask = np.zeros(shape, bool)
+        mask.ravel()[pixel] = can_tell[photo]
+        is_whole = ndimage.binary_erosion(mask, iterations=MARGIN_PX)
+        weight[photo] = (is_whole.ravel()[pixel] * calm[photo])[chosen]
     predicted = layers[3]
     power = np.maximum((weight * predicted**2).sum(axis=0), np.finfo(np.float32).tiny)
     for layer in layers[:3]:
         layer -= predicted * ((weight * predicted * layer).sum(axis=0) / power)
     return _Told(layers[0], layers[1], layers[2], weight)
-
-
-def _blurred(
-    stage: Stage, is_told: np.ndarray, values: tuple[np.ndarray, ...], blur_px: float
-) -> tuple[list[np.ndarray], np.ndarray]:
-    """Values of points as blurred pictures, over the pixels that tell something; and where all around them do."""
-    shape = (stage.camera.height, stage.camera.width)
-
-    def picture(each: np.ndarray) -> np.ndarray:
-        flat = np.zeros(stage.camera.num_pixels, np.float32)
-        flat[stage.points.pixel] = each * is_told
-        return flat.reshape(shape)
-
-    mask = picture(np.ones(len(is_told), np.float32))
-    share = np.maximum(ndimage.gaussian_filter(mask, blur_px), np.float32(1e-6))
-    blurred = [ndimage.gaussian_filter(picture(each), blur_px) / share for each in values]
-    return blurred, ndimage.binary_erosion(mask > 0, iterations=MARGIN_PX)
 
 
 def _fields(stage: Stage, chosen: np.ndarray) -> tuple[Float[np.ndarray, "point 2 6"], Float64[np.ndarray, "6"]]:

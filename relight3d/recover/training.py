@@ -49,14 +49,19 @@ def average_repeats(radiance: np.ndarray, is_valid: np.ndarray, lights: tuple) -
 
     Leaving a photograph out says nothing while its twin stays in: every effect would seem to earn its place.
     """
-    keys = [repr([light.to_dict() for light in each]) for each in lights]
-    groups = [[i for i, key in enumerate(keys) if key == one] for one in dict.fromkeys(keys)]
+    groups = under_same_lights(lights)
     if len(groups) == len(lights):
         return radiance, is_valid, lights
     count = np.stack([is_valid[g].sum(axis=0) for g in groups])
     total = np.stack([radiance[g].sum(axis=0) for g in groups])
     mean = (total / np.maximum(count, 1)[..., None]).astype(np.float32)
     return mean, count > 0, tuple(lights[g[0]] for g in groups)
+
+
+def under_same_lights(lights: tuple) -> list[list[int]]:
+    """Which photographs have the same lights: their numbers, in the order of the first of each group."""
+    keys = [repr([light.to_dict() for light in each]) for each in lights]
+    return [[i for i, key in enumerate(keys) if key == one] for one in dict.fromkeys(keys)]
 
 
 def is_saturated(picture: np.ndarray, is_valid: np.ndarray) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float32
-from scipy.ndimage import gaussian_filter
 
+from relight3d.maths.blur import blur_known
 from relight3d.records import Mirror, Observations, ShadingPoints
 from relight3d.recover import specular
 from relight3d.recover.rounds.state import Fitted, Stage
@@ -68,17 +68,10 @@ def calm_radiance(stage: Stage, observed: Observations) -> Float32[np.ndarray, "
     A weight that goes with a pixel's own noise believes the pixel most where its noise is darkest.
     """
     shape, pixel = (stage.camera.height, stage.camera.width), stage.points.pixel
-    picture = np.zeros(stage.camera.num_pixels, np.float32)
-
-    def blurred(values: np.ndarray) -> np.ndarray:
-        picture[pixel] = values
-        return gaussian_filter(picture.reshape(shape), WEIGHTS_BLUR_PX).ravel()[pixel]
-
     out = np.empty_like(observed.radiance)
     for photo, is_known in enumerate(observed.weight > 0):
-        share = np.maximum(blurred(is_known.astype(np.float32)), np.float32(1e-6))
-        value = observed.radiance[photo] * is_known[:, None]
-        mean = np.stack([blurred(one) / share for one in value.T], axis=1)
+        value = observed.radiance[photo]
+        mean = blur_known(value, is_known, pixel, shape, WEIGHTS_BLUR_PX).reshape(3, -1)[:, pixel].T
         # Half of the pixels of one photograph that differ no more than this from their neighbours: no noise is larger.
         noise = np.median(np.abs(value - mean)[is_known]) if is_known.any() else np.inf
         if not observed.is_dark[photo] and noise < QUIET * stage.white:
