@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Float64, Int32
+from jaxtyping import Bool, Float, Float32, Float64, Int32
 
 from relight3d.errors import InputError
 from relight3d.records import Residual
 
+MOST_PAIRS = 8_000_000  # of photographs, over the points by which a kernel is judged: 64 MB a matrix
 MOST_LEVERAGE = 0.7  # of a photograph on the fits before the residual: beyond, no light is like its own
 
 
@@ -68,8 +69,9 @@ class Misfits:
         return functions @ np.linalg.pinv(functions)
 
     def sample(self, most: int) -> tuple["Misfits", Int32[np.ndarray, " sample"]]:
-        """Evenly spread points, at most so many; and which ones."""
+        """Evenly spread points, at most so many and `MOST_PAIRS` pairs of their entries; and which ones."""
         num = self.value.shape[1]
+        most = min(most, MOST_PAIRS // len(self.anchors) ** 2 + 1)
         take = np.linspace(0, num - 1, min(num, most)).astype(np.int32)
         value, shared, slope, light = (each[:, take] for each in (self.value, self.shared, self.slope, self.light))
         return Misfits(value, shared, slope, light, self.anchors), take
@@ -137,46 +139,69 @@ def carries_over(
 
 def _deleted(misfits: Misfits, known: np.ndarray) -> np.ndarray:
     """The misfit of each entry, had its photograph been left out of the fits before: y_i / (1 - h_ii)."""
-    whole = _left_out_of_fits(misfits, np.zeros((len(misfits.anchors),) * 2))
-    return misfits.value + np.where(known[..., None], whole[0] + whole[1], 0.0)
+    nothing = np.zeros((1, *misfits.hat.shape), np.float32)
+    return misfits.value + np.where(known[..., None], sum(_left_out_of_fits(misfits, nothing)), 0.0)
 
 
-def _left_out_of_fits(misfits: Misfits, weights: Float64[np.ndarray, "photo photo"]) -> tuple[np.ndarray, np.ndarray]:
+def _left_out_of_fits(
+    misfits: Misfits, weights: Float[np.ndarray, "point photo photo"]
+) -> tuple[np.ndarray, np.ndarray]:
     """By how much more each entry is off when its photograph is left out of the fits before, where `weights` predict it
     from the others: of its shared part, and of its own.
 
     The fits have taken, of what pixels share, all that is linear in the light, which looks like indirect light; and of
     what is a pixel's own whatever is in proportion to its light, which looks like albedo.
     """
-    room = 1.0 - np.minimum(np.diag(misfits.hat), MOST_LEVERAGE)
-    by_photo = ((1.0 - (weights * misfits.hat).sum(axis=1)) / room - 1.0).astype(misfits.value.dtype)
-    light, weights = misfits.light, weights.astype(misfits.light.dtype)
+    light, hat = misfits.light, misfits.hat.astype(weights.dtype)
+    room = 1.0 - np.minimum(np.diag(hat), MOST_LEVERAGE)
+    by_photo = (1.0 - np.einsum("pij,ij->ip", weights, hat, optimize=True)) / room[:, None] - 1.0
     total = np.maximum((light**2).sum(axis=0), 1e-30)
     room = 1.0 - np.minimum(light**2 / total, MOST_LEVERAGE)
-    by_entry = (1.0 - light * (weights @ light) / total) / room - 1.0
-    return by_photo[:, None, None] * misfits.shared, by_entry[..., None] * (misfits.value - misfits.shared)
+    by_others = np.einsum("pij,jp->ip", weights, light.astype(weights.dtype), optimize=True)
+    by_entry = (1.0 - light * by_others / total) / room - 1.0
+    return by_photo[..., None] * misfits.shared, by_entry[..., None] * (misfits.value - misfits.shared)
+
+
+def _left_out_weights(known: np.ndarray, anchors: np.ndarray, fit: ResidualFit) -> Float[np.ndarray, "point photo photo"]:
+    """How much each photograph counts where kriging predicts an entry of a point from the known others.
+
+    With K of the known entries alone, entry i is missed by (K^-1 y)_i / (K^-1)_ii when it is left out (Dubrule 1983). K
+    is each point's own: were its gaps filled first, they would tell of the entry that is left out.
+    """
+    covariance = kernel(anchors, anchors, fit.length_rad)
+    inverse = _inverse_of_known(known, covariance, fit.nugget)
+    own = np.einsum("pii->pi", inverse)[..., None]
+    weights = np.where(known.T[..., None], -inverse / np.where(own > 0, own, 1.0), covariance @ inverse)
+    np.einsum("pii->pi", weights)[...] = 0.0
+    return weights.astype(np.float32)
+
+
+def _inverse_of_known(known: np.ndarray, covariance: np.ndarray, nugget: float) -> Float[np.ndarray, "point photo photo"]:
+    """The inverse of covariance and nugget between the known entries of each point, 0 at the others.
+
+    Points that are known in the same photographs share one.
+    """
+    _, first, which = np.unique(np.packbits(known, axis=0), axis=1, return_index=True, return_inverse=True)
+    some = known.T[first]
+    is_known = some[:, :, None] & some[:, None, :]
+    system = np.where(is_known, covariance, 0.0) + np.eye(len(covariance)) * np.where(some, nugget, 1.0)[:, None]
+    return np.where(is_known, np.linalg.inv(system), 0.0)[which.ravel()]
 
 
 def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit, deleted: np.ndarray) -> np.ndarray:
     """Squared error of every entry as the others predict it, capped at four times its square in `deleted`.
 
-    A left-out prediction of kriging is off by (K^-1 r)_i / (K^-1)_ii, the unknown entries being what the known ones
-    predict; an unknown entry is off by its difference from that. But the misfits are what fits to all photographs left:
-    of few photographs so little that they no longer resemble their neighbours. So photograph i is left out of these
-    fits, too: it is missed by y_i / (1 - h_ii), and the others by h_ij / (1 - h_ii) y_i more.
+    An unknown entry is off by its difference from what the known ones predict. But the misfits are what fits to all
+    photographs left: of few photographs so little that they no longer resemble their neighbours. So photograph i is left
+    out of these fits, too: it is missed by y_i / (1 - h_ii), and the others by h_ij / (1 - h_ii) y_i more.
     """
-    covariance = kernel(misfits.anchors, misfits.anchors, fit.length_rad)
-    inverse = np.linalg.inv(covariance + fit.nugget * np.eye(len(covariance)))
-    given = misfits.shared if fit.is_shared else misfits.value
-    filled = _filled(np.where(known[..., None], given, 0.0), known, covariance @ inverse)
-    weights = -inverse / np.diag(inverse)[:, None]
-    left_out = -(weights.astype(given.dtype) @ filled.reshape(len(given), -1)).reshape(given.shape)
-    np.fill_diagonal(weights, 0.0)
+    weights = _left_out_weights(known, misfits.anchors, fit)
+    given = np.where(known[..., None], misfits.shared if fit.is_shared else misfits.value, 0.0).astype(np.float32)
+    predicted = (weights @ given.transpose(1, 0, 2)).transpose(1, 0, 2)
     shared, own = _left_out_of_fits(misfits, weights)
     if fit.is_shared:
-        none = np.zeros_like(weights)
-        own = misfits.value - misfits.shared + _left_out_of_fits(misfits, none)[1]
-    errors = np.where(known[..., None], left_out + shared + own, misfits.value - filled)
+        own = misfits.value - misfits.shared + _left_out_of_fits(misfits, np.zeros_like(weights[:1]))[1]
+    errors = np.where(known[..., None], given - predicted + shared + own, misfits.value - predicted)
     return np.minimum(errors**2, 4.0 * deleted**2 + 1e-12)
 
 
@@ -209,9 +234,8 @@ def _modes(misfit, is_known, anchors, fit: ResidualFit, options: ResidualOptions
     if options is None:
         return np.zeros((num_points, 0, 3), np.float32), np.zeros((0, num_photos))
     covariance = kernel(anchors, anchors, fit.length_rad)
-    smoother = covariance @ np.linalg.inv(covariance + fit.nugget * np.eye(num_photos))
-    values = _filled(np.where(is_known[..., None], misfit, 0.0).astype(np.float32), is_known, smoother)
-    predicted = smoother.astype(np.float32) @ values.reshape(num_photos, -1)
+    weights = _kriging_weights(misfit, is_known, covariance, fit.nugget)
+    predicted = covariance.astype(np.float32) @ weights.reshape(num_photos, -1)
     power, vectors = np.linalg.eigh((predicted @ predicted.T).astype(np.float64))
     order = np.argsort(power)[::-1]
     power, vectors = np.maximum(power[order], 0.0), vectors[:, order]
@@ -225,15 +249,15 @@ def _modes(misfit, is_known, anchors, fit: ResidualFit, options: ResidualOptions
     return np.ascontiguousarray(amplitudes.transpose(1, 0, 2), np.float32), weights
 
 
-def _filled(values: np.ndarray, known: np.ndarray, smoother: np.ndarray, num_steps: int = 8) -> np.ndarray:
-    """Unknown entries replaced by their own prediction from the known ones; the fixed point is kriging with gaps."""
-    flat = values.reshape(len(values), -1)
-    has_gap = np.repeat(~known.all(axis=0), 3)
-    some, gaps = flat[:, has_gap], np.repeat(~known, 3, axis=1)[:, has_gap]
-    smooth, predicted = smoother.astype(values.dtype), np.empty_like(some)
-    for _ in range(num_steps):
-        np.matmul(smooth, some, out=predicted)
-        np.copyto(some, predicted, where=gaps)
-    flat = flat.copy()
-    flat[:, has_gap] = some
-    return flat.reshape(values.shape)
+def _kriging_weights(
+    values: np.ndarray, is_known: np.ndarray, covariance: np.ndarray, nugget: float
+) -> Float32[np.ndarray, "photo point 3"]:
+    """What the kernel between a light and each photograph's is multiplied by: K^-1 y of each point's known entries."""
+    out = np.empty(values.shape, np.float32)
+    # Points of one pattern lie side by side, so that a block of them asks for few inverses.
+    order = np.lexsort(np.packbits(is_known, axis=0))
+    for block in np.array_split(order, len(order) * len(values) ** 2 // MOST_PAIRS + 1):
+        inverse = _inverse_of_known(is_known[:, block], covariance, nugget).astype(np.float32)
+        known = np.where(is_known[:, block, None], values[:, block], 0.0)
+        out[:, block] = (inverse @ known.transpose(1, 0, 2).astype(np.float32)).transpose(1, 0, 2)
+    return out
