@@ -162,7 +162,9 @@ def _left_out_of_fits(
     return by_photo[..., None] * misfits.shared, by_entry[..., None] * (misfits.value - misfits.shared)
 
 
-def _left_out_weights(known: np.ndarray, anchors: np.ndarray, fit: ResidualFit) -> Float[np.ndarray, "point photo photo"]:
+def _left_out_weights(
+    known: np.ndarray, anchors: np.ndarray, fit: ResidualFit
+) -> Float[np.ndarray, "point photo photo"]:
     """How much each photograph counts where kriging predicts an entry of a point from the known others.
 
     With K of the known entries alone, entry i is missed by (K^-1 y)_i / (K^-1)_ii when it is left out (Dubrule 1983). K
@@ -176,7 +178,9 @@ def _left_out_weights(known: np.ndarray, anchors: np.ndarray, fit: ResidualFit) 
     return weights.astype(np.float32)
 
 
-def _inverse_of_known(known: np.ndarray, covariance: np.ndarray, nugget: float) -> Float[np.ndarray, "point photo photo"]:
+def _inverse_of_known(
+    known: np.ndarray, covariance: np.ndarray, nugget: float
+) -> Float[np.ndarray, "point photo photo"]:
     """The inverse of covariance and nugget between the known entries of each point, 0 at the others.
 
     Points that are known in the same photographs share one.
