@@ -125,6 +125,11 @@ def _warnings(stage: Stage, observed: Observations, fitted: Fitted) -> tuple[str
         lines.append(
             f"training photographs {which} disagree with all others: something unmodelled blocks or adds light"
         )
+    lost = [f"{i} ({100 * share:.0f} %)" for i, share in enumerate(observed.blocked_share) if share > 0]
+    if lost:
+        lines.append(
+            f"training photographs {', '.join(lost)} lie partly in a shadow that the mesh does not throw: left out"
+        )
     guessed = np.array([word == "prior" for word in fitted.scale_words], bool)[fitted.owner] & stage.is_matte
     counts = np.bincount(stage.surface[guessed], minlength=stage.surfaces.num_surfaces)
     whole = np.bincount(stage.surface, minlength=stage.surfaces.num_surfaces)

@@ -23,6 +23,7 @@ from relight3d.maths.topology import face_adjacency
 from relight3d.records import Observations, PatchMesh, ShadingPoints
 
 POOLED = 16  # neighbouring pixels whose sums bound an albedo together
+LEAST_DIRECT = 0.01  # of the radiance where a lamp shines
 
 
 @dataclass(frozen=True)
@@ -233,7 +234,8 @@ def upper_bound(
     """What each surface's albedo cannot exceed, since indirect light is not negative: inf for a surface never lit.
 
     radiance * pi / direct = albedo * (1 + indirect / direct) >= albedo in every photograph, so the smallest ratio bounds
-    it; the lowest sixth is taken for the smallest, and the median over pools of points, so that noise does not.
+    it; the lowest sixth is taken for the smallest (of four and more, one at least passes: somebody's shadow), and the
+    median over pools of points, so that noise does not.
     """
     bound = np.full((num_surfaces, 3), np.inf)
     dark = np.flatnonzero(observed.is_dark)
@@ -256,7 +258,7 @@ def upper_bound(
         is_told = bright.mean(axis=2) > 0.5
         ratio = np.where(is_told, np.pi * sent.sum(axis=2) / np.maximum(got.sum(axis=2), 1e-30), np.inf)
         count = is_told.sum(axis=0)
-        low = np.take_along_axis(np.sort(ratio, axis=0), (count // 6)[None], axis=0)[0]
+        low = np.take_along_axis(np.sort(ratio, axis=0), np.maximum(count // 6, count > 3)[None], axis=0)[0]
         for c in range(3):
             told = (count[:, c] >= 2) & np.isfinite(low[:, c])
             if told.sum() >= 5:
@@ -276,4 +278,6 @@ def surface_scale(
     value = np.where(by_border[:, None], border.value[:, 0], np.where(by_joint[:, None], joint.value[:, 0], plain))
     words = tuple("border" if b else "joint" if j else "prior" for b, j in zip(by_border, by_joint, strict=True))
     value = np.where(by_border[:, None], value, np.minimum(value, bound))
+    # What lit photographs show is direct light at least to this part: of an albedo of 0, indirect light would be endless.
+    value = np.maximum(value, LEAST_DIRECT * plain)
     return value, by_border | by_joint, words

@@ -10,6 +10,7 @@ from relight3d.camera import Camera
 from relight3d.errors import InputError
 from relight3d.lights import Light
 from relight3d.records import Mirror, Observations, PatchMesh, ShadingPoints
+from relight3d.recover.blockers import without_blockers
 from relight3d.shading import cast_light
 from relight3d.tracing import RayScene
 
@@ -23,6 +24,7 @@ class VisibilityOptions:
     border_px: float = 1.5  # pixels nearer to a predicted shadow border than this are not believed
     grazing_cosine: float = 0.08  # nor are points that the light grazes: normals are not exact
     highlight_deg: float = 28.0  # half angle about the mirror direction in which a highlight may be
+    blockers: bool = True  # leave out parts of photographs in shadows that the mesh does not throw
 
     def __post_init__(self) -> None:
         if not 0 <= self.border_px <= 50:
@@ -81,7 +83,7 @@ def observe(
     weight = is_valid * (np.min(dim, axis=1) ** 2)[:, None]
     normalised = radiance / np.where(usable, scale, 1.0)[:, None, :].astype(np.float32)
     normalised = np.where(is_valid[..., None], normalised, 0.0).astype(np.float32)
-    return Observations(
+    observed = Observations(
         normalised,
         weight.astype(np.float32),
         scale,
@@ -95,6 +97,7 @@ def observe(
         interior_points(points, camera, surface),
         num_rays,
     )
+    return without_blockers(observed, points, camera) if options.blockers else observed
 
 
 def photograph_scales(lights: tuple[tuple[Light, ...], ...]) -> Float64[np.ndarray, "photo 3"]:

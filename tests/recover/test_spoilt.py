@@ -8,7 +8,9 @@ import numpy as np
 from relight3d.evaluate import disturb
 from relight3d.evaluate.run import evaluate
 from relight3d.lights import DirectionalLight
+from relight3d.maths.least_squares import Solution, Status
 from relight3d.records import Capture, Observations, Photograph, RelightModel
+from relight3d.recover.diffuse import surface_scale, upper_bound
 from relight3d.recover.rounds.state import Fitted, without_blocked
 from relight3d.recover.run import recover
 from tests.plan.models import QUICK, rich_capture
@@ -85,3 +87,29 @@ def test_with_two_photographs_shadows_are_not_black() -> None:
     assert model.indirect is None or np.isfinite(model.indirect.coefficients).all()
     off = recover(capture, replace(QUICK, force=("indirect=off",)), quiet=True)
     assert evaluate(model, capture).rows()[0].mean.psnr_db >= evaluate(off, capture).rows()[0].mean.psnr_db - 0.05
+
+
+def test_no_albedo_falls_to_nothing_by_one_photograph() -> None:
+    """A photograph in somebody's shadow bounds an albedo by 0; of such an albedo indirect light would be endless."""
+    none = Solution(
+        np.zeros((1, 1, 3)), np.full(1, Status.RANK_DEFICIENT, np.int8), np.zeros(1, np.int32), np.ones(1), np.zeros(1)
+    )
+    value, is_pinned, words = surface_scale(none, none, np.full((1, 3), 0.5), np.zeros((1, 3)))
+    assert words == ("prior",) and not is_pinned.any()
+    assert (value >= 0.004).all()
+
+
+def test_one_photograph_in_shadow_does_not_bound_an_albedo() -> None:
+    """Of six photographs that light a surface alike one shows nothing: the bound is what the others say."""
+    num_points = 40
+    light = np.ones((6, num_points, 1), np.float32)
+    target = np.full((6, num_points, 3), 0.5 / np.pi, np.float32)
+    target[2] = 0.0
+    flags, ones = np.ones((6, num_points), bool), np.ones((6, num_points), np.float32)
+    lamp = (DirectionalLight((0.0, 0.0, 1.0), 1.0),)
+    observed = Observations(
+        target, ones, np.ones((6, 3)), (lamp,) * 6, light, None, flags, flags, flags, ~flags, flags[0], 0
+    )
+    texture, surface = np.ones((num_points, 3), np.float32), np.zeros(num_points, np.int32)
+    bound = upper_bound(observed, target, ones, light, texture, surface, 1)
+    np.testing.assert_allclose(bound, 0.5, rtol=1e-5)
