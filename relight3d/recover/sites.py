@@ -11,6 +11,9 @@ from relight3d.maths.least_squares import Status
 from relight3d.records import Health, Indirect, PatchMesh, ShadingPoints
 
 SITES = ("vertex", "face", "pixel")
+NUM_DONORS = 4  # that stand in for a site without data
+MIN_ALBEDO = 0.1  # of the brightest surface's: what is darker shows too little of its light to lend it
+MOST_OPENED = 1.5  # times its donors' light, at most, for a site more open than they
 
 
 def site_binding(mesh: PatchMesh, points: ShadingPoints, site: str) -> sp.csr_matrix:
@@ -87,32 +90,55 @@ def _neighbours(mesh: PatchMesh, site: str) -> sp.csr_matrix:
     return sp.diags((1.0 / degree).astype(np.float32)) @ matrix
 
 
+def of_faces(
+    mesh: PatchMesh, values: Float64[np.ndarray, " face"], site: str
+) -> Float64[np.ndarray, " site"] | None:
+    """A number of each face at the sites: at vertices that of one of their faces; None for pixels."""
+    if site == "pixel":
+        return None
+    if site == "face":
+        return values
+    at_vertex = np.zeros(len(mesh.vertices))
+    at_vertex[mesh.faces.ravel()] = np.repeat(values, 3)
+    return at_vertex
+
+
 def fill_unseen(
-    mesh: PatchMesh, indirect: Indirect, health: Health, openness: Float64[np.ndarray, " site"] | None = None
+    mesh: PatchMesh,
+    indirect: Indirect,
+    health: Health,
+    openness: Float64[np.ndarray, " site"] | None = None,
+    albedo: Float64[np.ndarray, " site"] | None = None,
 ) -> tuple[Indirect, Health]:
     """Sites without data take the mean of the nearest sites that have some (by distance and normal).
 
-    With `openness` (0 to 1, how much of its surroundings each site looks at) they take it by how open they are.
+    With `openness` (0 to 1, how much of its surroundings each site looks at) they take it by how open they are; with
+    `albedo` (of the surface that each site is on) from sites that send enough back to tell what they get.
     """
     missing = health.status == Status.NO_DATA
     if indirect.site == "pixel" or not missing.any() or missing.all():
         return indirect, health
+    donors = ~missing
+    if albedo is not None:
+        donors &= albedo >= MIN_ALBEDO * albedo[donors].max()
     places = mesh.centered_vertices
     normals = mesh.vertex_normals
     if indirect.site == "face":
         places, normals = places[mesh.faces].mean(axis=1), mesh.face_normals
     # Normals count as a quarter of the scene: light changes more around a corner than along a wall.
     keyed = np.concatenate([places, 0.25 * mesh.radius * normals], axis=1)
-    tree = cKDTree(keyed[~missing])
-    distance, nearest = tree.query(keyed[missing], k=min(4, int((~missing).sum())))
+    tree = cKDTree(keyed[donors])
+    distance, nearest = tree.query(keyed[missing], k=min(NUM_DONORS, int(donors.sum())))
     distance, nearest = distance.reshape(missing.sum(), -1), nearest.reshape(missing.sum(), -1)
     share = 1.0 / np.maximum(distance, 1e-9 * mesh.radius + 1e-30)
     share /= share.sum(axis=1, keepdims=True)
     if openness is not None:
-        share = share * (openness[missing][:, None] / openness[~missing][nearest])
+        # Of all donors together: one that is closed in says little of the surroundings, and must not be scaled up.
+        theirs = (share * openness[donors][nearest]).sum(axis=1)
+        share = share * np.minimum(openness[missing] / theirs, MOST_OPENED)[:, None]
     coefficients, ambient = indirect.coefficients.copy(), indirect.ambient.copy()
-    coefficients[missing] = np.einsum("nk,nkbc->nbc", share, indirect.coefficients[~missing][nearest])
-    ambient[missing] = np.einsum("nk,nkc->nc", share, indirect.ambient[~missing][nearest])
+    coefficients[missing] = np.einsum("nk,nkbc->nbc", share, indirect.coefficients[donors][nearest])
+    ambient[missing] = np.einsum("nk,nkc->nc", share, indirect.ambient[donors][nearest])
     status = health.status.copy()
     status[missing] = Status.FALLBACK
     return replace(indirect, coefficients=coefficients, ambient=ambient), replace(health, status=status)

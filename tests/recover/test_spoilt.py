@@ -100,15 +100,15 @@ def test_no_albedo_falls_to_nothing_by_one_photograph() -> None:
 
 
 def test_one_photograph_in_shadow_does_not_bound_an_albedo() -> None:
-    """Of six photographs that light a surface alike one shows nothing: the bound is what the others say."""
+    """Of five photographs that light a surface alike one shows nothing: the bound is what the others say."""
     num_points = 40
-    light = np.ones((6, num_points, 1), np.float32)
-    target = np.full((6, num_points, 3), 0.5 / np.pi, np.float32)
+    light = np.ones((5, num_points, 1), np.float32)
+    target = np.full((5, num_points, 3), 0.5 / np.pi, np.float32)
     target[2] = 0.0
-    flags, ones = np.ones((6, num_points), bool), np.ones((6, num_points), np.float32)
+    flags, ones = np.ones((5, num_points), bool), np.ones((5, num_points), np.float32)
     lamp = (DirectionalLight((0.0, 0.0, 1.0), 1.0),)
     observed = Observations(
-        target, ones, np.ones((6, 3)), (lamp,) * 6, light, None, flags, flags, flags, ~flags, flags[0], 0
+        target, ones, np.ones((5, 3)), (lamp,) * 5, light, None, flags, flags, flags, ~flags, flags[0], 0
     )
     texture, surface = np.ones((num_points, 3), np.float32), np.zeros(num_points, np.int32)
     bound = upper_bound(observed, target, ones, light, texture, surface, 1)

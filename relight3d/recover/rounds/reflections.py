@@ -64,7 +64,9 @@ def provisional_model(
     )
     # What is fitted beside the computed light comes from the surroundings: an unseen site gets what it is open to.
     openness = None if fitted.bounced is None or stage.transport is None else bounce.openness(stage.transport)
-    found, health = sites.fill_unseen(stage.mesh, found, health, openness)
+    of_face = fitted.surface_albedo.mean(axis=1)[stage.surfaces.surface_of_face]
+    albedo = sites.of_faces(stage.mesh, of_face, found.site)
+    found, health = sites.fill_unseen(stage.mesh, found, health, openness, albedo)
     if fitted.bounced is not None:
         found = bounce.added(found, fitted.bounced)
     num_lit = (observed.is_lit & (observed.weight > 0)).sum(axis=0).astype(np.int32)
