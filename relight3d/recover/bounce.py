@@ -36,14 +36,15 @@ class BounceOptions:
     """How finely light between surfaces is computed."""
 
     num_rays: int = 128  # from each patch over its hemisphere; 0 leaves all indirect light to the photographs
-    basis: str = "sh2"  # its functions of the light, where those of the indirect light are not given
+    bases: tuple[str, ...] = ("linear", "sh2")  # its functions of the light, where those of the indirect light are not
+    # given: those with which left-out photographs are predicted best
     num_lights: int = 48  # directions of lamps that are tried, beside the photographed ones
     max_patches: int = 12_000  # a finer mesh sends and gathers at so many of its vertices
     min_gain_db: float = 0.1  # of left-out photographs, for it to be kept
 
     def __post_init__(self) -> None:
-        if self.basis not in BASES:
-            raise InputError("bounce.basis", self.basis, f"one of {', '.join(BASES)}")
+        if not self.bases or not set(self.bases) <= set(BASES):
+            raise InputError("bounce.bases", self.bases, f"one of {', '.join(BASES)}, or several")
         if not 0 <= self.num_rays <= 65536:
             raise InputError("bounce.num_rays", self.num_rays, "0 to 65536")
         if self.num_lights < 0:

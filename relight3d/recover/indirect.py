@@ -23,6 +23,10 @@ from relight3d.recover.sites import SITES
 from relight3d.shading import indirect_design
 
 
+SHARES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of ambient light beside the mean of the lamps' indirect light, tried in turn
+MIN_SPREAD = 0.05  # of the photographs' intensities: of equal ones no share is told
+
+
 @dataclass(frozen=True)
 class IndirectOptions:
     """Which functions of the light, where, and how they are held."""
@@ -81,7 +85,14 @@ class LightDesign:
     basis: str
     rows: Float64[np.ndarray, "site photo color unknown"]  # sites or colours of length 1 are shared
     damping: Float64[np.ndarray, " unknown"]
-    has_ambient: bool
+    has_ambient: bool  # a column and an unknown of its own
+    shared_ambient: Float64[np.ndarray, "site color"] | None = None  # or so much of the first function's unknown
+    ambient_part: Float64[np.ndarray, "site photo color unknown"] | None = None  # of the rows, where it is shared
+
+    @property
+    def tells_ambient(self) -> bool:
+        """Whether ambient light is apart from the lamps' own."""
+        return self.has_ambient or self.shared_ambient is not None
 
 
 def light_rows(
@@ -115,13 +126,30 @@ def design(
     """Rows of eq. (7) for normalised photographs: `light_rows`, and 1 / scale for ambient."""
     rows = light_rows(basis, observed, sites, anchors, softening)
     damping = options.damping * degree_of(basis) ** 2
-    inverse = observed.scale.mean(axis=0).mean() / observed.scale.mean(axis=1)
+    inverse = _inverse_scale(observed)
     has_ambient = _tells_ambient(rows.mean(axis=0)[:, 0], inverse, observed.is_dark, options.max_ambient_condition)
     if has_ambient:
         column = np.broadcast_to(inverse[None, :, None, None], (*rows.shape[:3], 1))
         rows = np.concatenate([rows, column], axis=3)
         damping = np.append(damping, options.damping)
     return LightDesign(basis, rows, damping, has_ambient)
+
+
+def _inverse_scale(observed: Observations) -> Float64[np.ndarray, " photo"]:
+    """What ambient light is in normalised photographs, relative to its mean."""
+    return observed.scale.mean(axis=0).mean() / observed.scale.mean(axis=1)
+
+
+def with_shared_ambient(lit: LightDesign, observed: Observations, share: float) -> LightDesign:
+    """The functions without an unknown for ambient light: it is `share` of each site's mean light of the first function.
+
+    Ambient light of every site's own takes intensities that differ much; one number for the scene takes little.
+    """
+    lit = without_ambient(lit)
+    amount = share * lit.rows[..., 0].mean(axis=1)
+    part = np.zeros_like(lit.rows)
+    part[..., 0] = amount[:, None] * _inverse_scale(observed)[None, :, None]
+    return replace(lit, rows=lit.rows + part, shared_ambient=amount, ambient_part=part)
 
 
 def _tells_ambient(rows: np.ndarray, inverse_scale: np.ndarray, is_dark: np.ndarray, limit: float) -> bool:
@@ -212,12 +240,15 @@ def unexplained(sums: SiteSums) -> float:
 def without_ambient(lit: LightDesign) -> LightDesign:
     """The functions of the light alone."""
     count = BASES[lit.basis]
-    return replace(lit, rows=lit.rows[..., :count], damping=lit.damping[:count], has_ambient=False)
+    rows = lit.rows[..., :count]
+    if lit.shared_ambient is not None:
+        rows = rows - lit.ambient_part
+    return LightDesign(lit.basis, rows, lit.damping[:count], False)
 
 
 def ambient_gain_db(sums: SiteSums, lit: LightDesign) -> float:
     """By how many dB left-out photographs are predicted better with ambient light than with indirect light alone."""
-    if not lit.has_ambient:
+    if not lit.tells_ambient:
         return 0.0
     without, with_it = left_out_error(sums, without_ambient(lit)), left_out_error(sums, lit)
     return float(10 * np.log10(max(without, 1e-30) / max(with_it, 1e-30)))
@@ -240,10 +271,13 @@ def choose_basis(
     fewer = min(max(len(observed.lights), 2) - 1, most if options.basis == "auto" else max(BASES.values()))
     usable = [name for name in names if BASES[name] <= fewer] or ["constant"]
     designs = [design(name, observed, sites, anchors, softening, options) for name in usable]
-    if len(designs) == 1:
-        return designs[0]
     errors = [left_out_error(sums, each) for each in designs]
-    return designs[int(np.argmin(errors))]
+    best = designs[int(np.argmin(errors))]
+    if observed.is_dark.any() or np.ptp(_inverse_scale(observed)) < MIN_SPREAD:
+        return best
+    shared = [with_shared_ambient(each, observed, share) for each in designs for share in SHARES]
+    others = [left_out_error(sums, each) for each in shared]
+    return shared[int(np.argmin(others))] if min(others) < min(errors) else best
 
 
 def indirect_of(
@@ -256,6 +290,8 @@ def indirect_of(
     if lit.has_ambient:
         # The column was 1 / scale relative to the mean scale: in absolute irradiance it is the mean scale's share.
         ambient = np.maximum(value[:, count] * observed.scale.mean(axis=0).mean(), 0.0)
+    elif lit.shared_ambient is not None:
+        ambient = np.maximum(value[:, 0] * lit.shared_ambient * observed.scale.mean(axis=0).mean(), 0.0)
     indirect = Indirect(
         basis=lit.basis,
         site=site,
@@ -264,7 +300,7 @@ def indirect_of(
         anchors=anchors,
         reach_rad=reach_of(anchors),
         softening=softening,
-        ambient_is_separate=lit.has_ambient,
+        ambient_is_separate=lit.tells_ambient,
     )
     by_site = solution.status.reshape(-1, 3)
     health = Health(

@@ -90,9 +90,7 @@ def _neighbours(mesh: PatchMesh, site: str) -> sp.csr_matrix:
     return sp.diags((1.0 / degree).astype(np.float32)) @ matrix
 
 
-def of_faces(
-    mesh: PatchMesh, values: Float64[np.ndarray, " face"], site: str
-) -> Float64[np.ndarray, " site"] | None:
+def of_faces(mesh: PatchMesh, values: Float64[np.ndarray, " face"], site: str) -> Float64[np.ndarray, " site"] | None:
     """A number of each face at the sites: at vertices that of one of their faces; None for pixels."""
     if site == "pixel":
         return None

@@ -104,20 +104,28 @@ def _fit_indirect(
     places = sites.site_positions(stage.mesh, stage.points, options.site)
     whole = indirect.gather(stage.gather, weight * known.calm, fitted.albedo, known.target, known.direct)
     bounced, computed, left, lit = None, 0.0, whole, fitted.design
-    if stage.transport is not None and (lit is None or fitted.bounced is not None):
-        arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
-        basis = stage.options.bounce.basis if options.basis == "auto" else options.basis
-        bounced = bounce.as_functions(stage.transport, arrived, basis, stage.anchors, stage.softening)
-        rows = indirect.light_rows(basis, observed, places, stage.anchors, stage.softening)
-        computed = bounce.at_photographs(bounced, rows)
-        left = indirect.without(whole, computed)
     if lit is None:
-        lit = indirect.choose_basis(left, observed, places, stage.anchors, stage.softening, options)
-        if bounced is not None:
-            alone = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options)
-            gain = _decibels(indirect.left_out_error(whole, alone), indirect.left_out_error(left, lit))
-            if gain < stage.options.bounce.min_gain_db:
-                bounced, computed, left, lit = None, 0.0, whole, alone
+        lit = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options)
+        least = indirect.left_out_error(whole, lit) * 10 ** (-stage.options.bounce.min_gain_db / 10)
+        names = stage.options.bounce.bases if options.basis == "auto" else (options.basis,)
+    else:
+        least, names = np.inf, () if fitted.bounced is None else (fitted.bounced.basis,)
+    if stage.transport is not None and names:
+        arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
+        for name in names:
+            trial = bounce.as_functions(stage.transport, arrived, name, stage.anchors, stage.softening)
+            rows = indirect.light_rows(name, observed, places, stage.anchors, stage.softening)
+            sent = bounce.at_photographs(trial, rows)
+            rest = indirect.without(whole, sent)
+            design = fitted.design
+            if design is None:
+                design = indirect.choose_basis(rest, observed, places, stage.anchors, stage.softening, options)
+                error = indirect.left_out_error(rest, design)
+                if error > least:
+                    continue
+                least = error
+            bounced, computed, left, lit = trial, sent, rest, design
+    if fitted.design is None:
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
     is_few = len(observed.lights) < FEW_PHOTOGRAPHS
@@ -163,13 +171,15 @@ def _judge_ambient(
 
     A photograph with the lights off shows nothing else; unequal intensities alone must predict left-out ones better.
     """
-    if not lit.has_ambient:
+    if not lit.tells_ambient:
         return lit, Evidence(0.0, SCENE_NOISE_DB, NOT_TOLD)
     is_seen = bool(observed.is_dark.any())
     gain = ALL_OF_IT_DB if is_seen else indirect.ambient_gain_db(sums, lit)
-    evidence = Evidence(gain, SCENE_NOISE_DB, "a lights-off photograph" if is_seen else "told apart by intensities")
+    reason = "a lights-off photograph" if is_seen else "told apart by intensities"
+    if lit.shared_ambient is not None:
+        reason += ", in one share of all indirect light"
     is_on = stage.forced.get(("ambient", SCENE), gain > SCENE_NOISE_DB)
-    return lit if is_on else indirect.without_ambient(lit), evidence
+    return lit if is_on else indirect.without_ambient(lit), Evidence(gain, SCENE_NOISE_DB, reason)
 
 
 def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.ndarray:
