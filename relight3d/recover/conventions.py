@@ -25,7 +25,7 @@ from relight3d.tracing import RayScene
 NUM_POINTS = 1500
 ENOUGH_PHOTOS = 6  # for an error, and for all that is told from the photographs' differences
 # Scores of agreement. Good captures, from matte ones to a room of mirrors: 0.70 to 0.99, other readings of them up to 0.6.
-FAILS = 0.5  # below it other readings are looked at
+FAILS = 0.6  # below it other readings are looked at
 HOPELESS = 0.35
 FITS, FAR_BETTER = 0.6, 0.3
 EXPLAINS = 0.75  # what a reading must reach before the given one is refused

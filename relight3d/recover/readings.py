@@ -25,7 +25,8 @@ MIN_PHOTOS = 4  # in which a point must be valid
 MIN_CHANGE = 0.05  # of a point's root of radiance from photograph to photograph, below which it tells nothing
 NUM_SCREENED = 4  # readings that score best without shadows are scored with them
 FACTORS = (1000.0, 100.0, 10.0, 0.1, 0.01, 0.001)
-FOCAL_FACTORS = (2.0, 1.5, 0.67, 0.5)
+FOCAL_FACTORS = (2.0, 1.5, 1.25, 0.8, 0.67, 0.5)
+TURNS_DEG = range(-165, 180, 15)  # about each axis; quarter turns have shorter names
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +143,10 @@ def _frames(camera: Camera) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]
         if words != "(x, y, z)":
             hint = known.get(words, "give the lights in the axes of mesh and camera")
             yield f"{words} for each (x, y, z)", hint, turn, np.zeros(3)
+    for axis, angle in product("xyz", TURNS_DEG):
+        if angle % 90 != 0:
+            words = f"lights turned by about {angle}° about {axis}"
+            yield words, "give them in the axes of mesh and camera", _turn_about(axis, angle), np.zeros(3)
     pose = camera.world_from_camera
     for words, signs in (("x right, y up, z back", (1, 1, 1)), ("x right, y down, z forward", (1, -1, -1))):
         hint = "turn them into the world by transform_matrix"
@@ -159,6 +164,15 @@ def _turned(light: Light, turn: np.ndarray, shift: np.ndarray, center: np.ndarra
         edges = {name: tuple(turn @ np.asarray(getattr(light, name))) for name in ("edge_u", "edge_v")}
         return replace(light, position=tuple(place), **edges)
     return replace(light, position=tuple(place))
+
+
+def _turn_about(axis: str, angle_deg: float) -> Float64[np.ndarray, "3 3"]:
+    """A turn to the left about a coordinate axis."""
+    x, y = (np.eye(3)[("xyz".index(axis) + k) % 3] for k in (1, 2))
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    along = np.eye(3)["xyz".index(axis)]
+    flat = cosine * (np.outer(x, x) + np.outer(y, y)) + sine * (np.outer(y, x) - np.outer(x, y))
+    return flat + np.outer(along, along)
 
 
 def _other_unit(sample: Sample, factor: float) -> tuple[Lights, Camera]:
