@@ -7,7 +7,7 @@ a light at 1500 points; other readings are looked at only where the given one fa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,19 +24,21 @@ from relight3d.tracing import RayScene
 
 NUM_POINTS = 1500
 ENOUGH_PHOTOS = 6  # for an error, and for all that is told from the photographs' differences
-# Scores of agreement. Good captures, from matte ones to a room of mirrors: 0.70 to 0.99, other readings of them up to 0.6.
-FAILS = 0.6  # below it other readings are looked at
-HOPELESS = 0.35
-FITS, FAR_BETTER = 0.6, 0.3
-EXPLAINS = 0.75  # what a reading must reach before the given one is refused
-NONSENSE = 0.3
+# Scores of agreement. Good captures, from matte ones to a room of mirrors, have 0.88 to 0.99.
+FAILS = 0.8  # below it other readings are looked at
+FITS, FAR_BETTER = 0.8, 0.15  # what another reading must have, and have more
+FAR_BETTER_FEW = 0.3  # of fewer than ENOUGH_PHOTOS
+HOPELESS = 0.5  # below it a capture that another reading fits is refused
+NONSENSE, NONSENSE_QUARTILE = 0.6, 0.8  # below both nothing is explained; the upper quartile spares rooms of mirrors
+UNIT_LEFT = 0.3  # of what is missing to an agreement of 1: what another unit may leave
+EVENED_LEFT = 0.5  # and what photographs of one exposure may leave, where exposures are the cause
 MAX_GAIN_SPREAD = 0.15  # robust, of the logarithms; good captures have 0.00 to 0.07
 # Share of points that follow their light better under the other curve. Good captures of 12 photographs and more have 0.0
 # to 0.55, of 8 on small pictures up to 0.75; linear 8-bit files are the rarer.
 OTHER_CURVE, OTHER_CURVE_8_BIT, CURVE_PHOTOS = 0.8, 0.65, 10
 FAR_AWAY, FEW_PIXELS = 15.0, 0.01  # radii from the camera, share of the picture
 NEAR = 0.5  # radii within which a camera is amid the mesh
-FITS_AROUND, BETTER_AROUND = 0.75, 0.2
+FITS_AROUND = 0.9  # below it a camera amid the mesh is asked whether the mesh has its unit
 RARE = (
     'color_space: "linear" for 8-bit files is rare: what a camera or phone develops is "srgb"; develop linear photographs'
     " to 16 bits"
@@ -79,16 +81,16 @@ def doubts(
     found = _other_reading(sample, score, _is_around(capture, mesh, points))
     if found is not None:
         return (_reading_line(sample, form, score, *found, options), *_files_line(capture, None))
-    if score < FAILS:
-        return (*far, *_nonsense_line(sample, form, score), *_files_line(capture, None))
-    if score < FITS:
-        return (*far, *_files_line(capture, None))
-    matte, enough = matte_light(sample, form), len(sample.lights) >= CURVE_PHOTOS
-    curve = other_curve(sample, form, matte, capture.color_space) if enough else None
+    matte, num = matte_light(sample, form), len(sample.lights)
+    curve = other_curve(sample, form, matte, capture.color_space) if num >= CURVE_PHOTOS and score >= FAILS else None
     files = _files_line(capture, curve)
-    if files or len(sample.lights) < ENOUGH_PHOTOS:
+    if files or num < ENOUGH_PHOTOS:
         return (*far, *files)  # under the wrong curve exposures would seem to differ
-    return (*far, *_gain_lines(exposure_gains(sample, form, matte), _names(capture, photographs, chosen)))
+    gains = exposure_gains(sample, form, matte)
+    evened = replace(sample, radiance=sample.radiance / np.where(np.isfinite(gains), gains, 1.0)[:, None])
+    if 1.0 - (evened.score(form) or 0.0) <= EVENED_LEFT * (1.0 - score):
+        return (*far, *_gain_lines(gains, _names(capture, photographs, chosen)))
+    return (*far, *(_nonsense_line(sample, form, score) if score < FAILS else ()))
 
 
 def _sample(
@@ -147,8 +149,10 @@ def _other_reading(sample: Sample, score: float, is_around: bool) -> tuple[Readi
     found = best_reading(sample)
     if found is None or found[1] < FITS:
         return None
-    is_unit = is_around and found[0].field == "mesh_path" and found[1] >= max(EXPLAINS, score + BETTER_AROUND)
-    return found if is_unit or (score < FAILS and found[1] >= score + FAR_BETTER) else None
+    if is_around and found[0].field == "mesh_path":
+        return found if 1.0 - found[1] <= UNIT_LEFT * (1.0 - score) else None
+    margin = FAR_BETTER if len(sample.lights) >= ENOUGH_PHOTOS else FAR_BETTER_FEW
+    return found if score < FAILS and found[1] >= score + margin else None
 
 
 def _agreement(form: np.ndarray, score: float) -> str:
@@ -162,7 +166,7 @@ def _reading_line(
 ) -> str:
     """What the photographs speak for; raises InputError where the capture as given is hopeless and not trusted."""
     got, wanted = _agreement(form, score), f"about {better:.2f}, as with {reading.words}"
-    is_hopeless = better >= EXPLAINS and (score < HOPELESS or reading.field == "mesh_path")
+    is_hopeless = score < HOPELESS or reading.field == "mesh_path"
     if is_hopeless and len(sample.lights) >= ENOUGH_PHOTOS and not options.trust:
         hint = f"{reading.hint} (or recover with --conventions.trust if it is right as it is)"
         raise InputError(f"transforms.json {reading.field}", got, wanted, hint)
@@ -171,7 +175,10 @@ def _reading_line(
 
 def _nonsense_line(sample: Sample, form: np.ndarray, score: float) -> tuple[str, ...]:
     """Where no reading fits."""
-    if len(sample.lights) < ENOUGH_PHOTOS or score >= NONSENSE:
+    agreement = sample.agreement(form)
+    if agreement is None or len(agreement) == 0 or len(sample.lights) < ENOUGH_PHOTOS or score >= NONSENSE:
+        return ()
+    if np.percentile(agreement, 75) >= NONSENSE_QUARTILE:
         return ()
     check = "check the lights' frame and order, the camera and its focal length, and the mesh's unit and place"
     return (f"lights: {_agreement(form, score)}: {check}",)

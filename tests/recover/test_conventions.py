@@ -192,3 +192,16 @@ def test_bits_of_a_file(tmp_path: Path, dtype: type) -> None:
 def test_a_mesh_that_is_a_speck_may_have_another_unit(make: Callable[[], Capture]) -> None:
     (line,) = doubts_of(scaled_mesh(make(), 0.1))
     assert line.startswith("mesh_path: a mesh seen by ") and "one unit" in line
+
+
+def test_lights_in_no_order_at_all_are_remarked() -> None:
+    """Lights in no particular order: nothing to name, but nothing to be silent about."""
+    (line,) = doubts_of(in_order(rich_capture(), lambda x: [x[(5 * k + 2) % len(x)] for k in range(len(x))]))
+    assert line.startswith("lights: shading that agrees with the photographs by ") and "check the lights' frame" in line
+
+
+def test_lights_turned_about_an_axis_are_recognised() -> None:
+    angle = np.radians(60.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
+    with pytest.raises(InputError, match="lights turned by about -60° about z"):
+        doubts_of(turned_lights(rich_capture(), turn))
