@@ -83,14 +83,15 @@ def doubts(
         return (_reading_line(sample, form, score, *found, options), *_files_line(capture, None))
     matte, num = matte_light(sample, form), len(sample.lights)
     curve = other_curve(sample, form, matte, capture.color_space) if num >= CURVE_PHOTOS and score >= FAILS else None
-    files = _files_line(capture, curve)
-    if files or num < ENOUGH_PHOTOS:
-        return (*far, *files)  # under the wrong curve exposures would seem to differ
-    gains = exposure_gains(sample, form, matte)
-    evened = replace(sample, radiance=sample.radiance / np.where(np.isfinite(gains), gains, 1.0)[:, None])
-    if 1.0 - (evened.score(form) or 0.0) <= EVENED_LEFT * (1.0 - score):
-        return (*far, *_gain_lines(gains, _names(capture, photographs, chosen)))
-    return (*far, *(_nonsense_line(sample, form, score) if score < FAILS else ()))
+    lines = (*far, *_files_line(capture, curve))
+    if lines == far and num >= ENOUGH_PHOTOS:  # under a wrong curve exposures would seem to differ
+        gains = exposure_gains(sample, form, matte)
+        evened = replace(sample, radiance=sample.radiance / np.where(np.isfinite(gains), gains, 1.0)[:, None])
+        if 1.0 - (evened.score(form) or 0.0) <= EVENED_LEFT * (1.0 - score):
+            exposures = _gain_lines(gains, _names(capture, photographs, chosen))
+            if exposures:
+                return (*far, *exposures)
+    return (*lines, *_nonsense_line(sample, form, score))
 
 
 def _sample(

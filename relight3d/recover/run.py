@@ -145,7 +145,9 @@ def register(capture: Capture, options: RecoverOptions, clock: "Clock") -> Place
     """The first fit, with the mesh where the photographs show it."""
 
     def fit(mesh: TriangleMesh) -> Begun:
-        return begin(replace(capture, mesh=mesh), options, clock)
+        # What the capture as given was not refused for is no reason to stop at a place that is tried.
+        trust = options.conventions if mesh is capture.mesh else ConventionOptions(trust=True)
+        return begin(replace(capture, mesh=mesh), options, clock, trust)
 
     def measure(begun: Begun, scale: float | None) -> Misplacement | None:
         if not clock.has_time(options.budget_s, sum(clock.latest.values())):
@@ -156,7 +158,9 @@ def register(capture: Capture, options: RecoverOptions, clock: "Clock") -> Place
     return place(capture.mesh, capture.camera, fit, measure, options.registration)
 
 
-def begin(capture: Capture, options: RecoverOptions, clock: "Clock") -> Begun:
+def begin(
+    capture: Capture, options: RecoverOptions, clock: "Clock", conventions: ConventionOptions | None = None
+) -> Begun:
     """Mesh, photographs, surfaces, mirrors, visibility and the first alternation."""
     with clock.stage("mesh"):
         mesh = prepare_mesh(capture.mesh, options.mesh)
@@ -164,7 +168,7 @@ def begin(capture: Capture, options: RecoverOptions, clock: "Clock") -> Begun:
     with clock.stage("photographs"):
         points = points_seen(rays, mesh, capture.camera)
         photographs = read_training(capture, mesh, points)
-        doubtful = doubts(capture, mesh, rays, points, photographs, options.conventions)
+        doubtful = doubts(capture, mesh, rays, points, photographs, conventions or options.conventions)
     with clock.stage("surfaces"):
         found = find_surfaces(capture, mesh, rays, points, photographs, options)
     with clock.stage("mirrors"):
