@@ -31,7 +31,7 @@ FAR_BETTER_FEW = 0.3  # of fewer than ENOUGH_PHOTOS
 HOPELESS = 0.5  # below it a capture that another reading fits is refused
 NONSENSE, NONSENSE_QUARTILE = 0.6, 0.8  # below both nothing is explained; the upper quartile spares rooms of mirrors
 UNIT_LEFT = 0.3  # of what is missing to an agreement of 1: what another unit may leave
-EVENED_LEFT = 0.5  # and what photographs of one exposure may leave, where exposures are the cause
+EVENED_LEFT = 0.85  # and what evened photographs may, where exposures are the cause; a shifted camera leaves 0.9
 MAX_GAIN_SPREAD = 0.15  # robust, of the logarithms; good captures have 0.00 to 0.07
 # Share of points that follow their light better under the other curve. Good captures of 12 photographs and more have 0.0
 # to 0.55, of 8 on small pictures up to 0.75; linear 8-bit files are the rarer.
