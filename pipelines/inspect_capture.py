@@ -1,4 +1,4 @@
-"""What a capture holds, before anything is recovered: lights, exposure, masks, how much of the mesh is seen.
+"""What a capture holds, before anything is recovered: lights, exposure, masks, mesh, and what of it is doubtful.
 
     python pipelines/inspect_capture.py data/desk
 """
@@ -13,8 +13,9 @@ from start import start
 from relight3d.commands.tables import terminal_table
 from relight3d.io.capture import load_capture, read_photograph
 from relight3d.maths.color import exposure_of, luminance
-from relight3d.progress import say, show
+from relight3d.progress import remark, say, show
 from relight3d.records import Capture, Photograph
+from relight3d.recover.conventions import doubts_of
 
 CAPTURE = Path("data/desk")
 COLUMNS = ("photograph", "split", "lights", "power", "angle to mean", "valid %", "median", "white")
@@ -32,6 +33,8 @@ def main(capture: Annotated[Path, tyro.conf.Positional] = CAPTURE) -> None:
     say(f"camera: {camera.width} x {camera.height} pixels, focal length {camera.fx:.1f}; {read.color_space} images")
     counts = f"{len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {labels} labels"
     say(f"mesh: {counts}, {extent:.4g} {read.unit} across")
+    for line in doubts_of(read):
+        remark(f"warning: {line}")
 
 
 def mean_direction(capture: Capture, center: np.ndarray) -> np.ndarray:
@@ -49,8 +52,7 @@ def row(capture: Capture, photograph: Photograph, center: np.ndarray, axis: np.n
     angles = " ".join(f"{np.degrees(np.arccos(np.clip(way @ axis, -1, 1))):.0f}°" for way in ways)
     kinds = " ".join(light.kind for light in photograph.lights) or "off"
     power = " ".join(f"{float(luminance(light.power)):.3g}" for light in photograph.lights)
-    share, white = 100 * is_valid.mean(), 1 / exposure_of(values)
-    figures = (f"{share:.1f}", f"{np.median(values):.4g}", f"{white:.4g}")
+    figures = (f"{100 * is_valid.mean():.1f}", f"{np.median(values):.4g}", f"{1 / exposure_of(values):.4g}")
     return (photograph.name, photograph.split, kinds, power, angles, *figures)
 
 

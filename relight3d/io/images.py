@@ -52,6 +52,12 @@ def image_size(path: str | Path) -> tuple[int, int]:
     return _guarded(path, _SIZES[image_format(path)])
 
 
+def image_bits(path: str | Path) -> int:
+    """Bits a channel, from the header alone. Raises InputError for a file that is no image."""
+    path = Path(path)
+    return _guarded(path, _BITS[image_format(path)])
+
+
 def read_image(
     path: str | Path, color_space: str = "linear"
 ) -> tuple[Float32[np.ndarray, "height width 3"], Bool[np.ndarray, "height width"] | None]:
@@ -148,10 +154,20 @@ def _read_tiff(path: Path) -> np.ndarray:
 
 
 def _png_size(path: Path) -> tuple[int, int]:
-    start = read_bytes(path, limit=24)
-    if len(start) < 24 or start[12:16] != b"IHDR":
+    start = read_bytes(path, limit=25)
+    if len(start) < 25 or start[12:16] != b"IHDR":
         raise InputError(str(path), "a PNG file that is cut short", "a whole one; copy it again")
     return int.from_bytes(start[16:20], "big"), int.from_bytes(start[20:24], "big")
+
+
+def _png_bits(path: Path) -> int:
+    _png_size(path)  # refuses a file that is cut short
+    return read_bytes(path, limit=25)[24]
+
+
+def _tiff_bits(path: Path) -> int:
+    with tifffile.TiffFile(path) as file:
+        return int(file.pages.first.bitspersample)
 
 
 def _jpeg_size(path: Path) -> tuple[int, int]:
@@ -166,3 +182,4 @@ def _tiff_size(path: Path) -> tuple[int, int]:
 
 _READERS = {"exr": exr.read_exr, "png": _read_png, "jpeg": _read_jpeg, "tiff": _read_tiff}
 _SIZES = {"exr": exr.exr_size, "png": _png_size, "jpeg": _jpeg_size, "tiff": _tiff_size}
+_BITS = {"exr": lambda path: 16, "png": _png_bits, "jpeg": lambda path: 8, "tiff": _tiff_bits}

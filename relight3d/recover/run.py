@@ -29,6 +29,7 @@ from relight3d.recover import visibility
 from relight3d.recover.assemble import assemble, summary
 from relight3d.recover.bounce import BounceOptions
 from relight3d.recover.candidates import accepted_mirrors, find_surfaces, test_mirrors
+from relight3d.recover.conventions import ConventionOptions, doubts
 from relight3d.recover.detail import DetailOptions
 from relight3d.recover.diffuse import DiffuseOptions
 from relight3d.recover.indirect import IndirectOptions
@@ -62,6 +63,7 @@ class RecoverOptions:
 
     mesh: MeshOptions = field(default_factory=MeshOptions)
     registration: RegistrationOptions = field(default_factory=RegistrationOptions)
+    conventions: ConventionOptions = field(default_factory=ConventionOptions)
     visibility: VisibilityOptions = field(default_factory=VisibilityOptions)
     surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
     texture: TextureOptions = field(default_factory=TextureOptions)
@@ -107,7 +109,7 @@ def recover(
     options = options or RecoverOptions()
     clock = Clock(None if quiet else progress, 7 + 3 * options.num_rounds)
     placed = register(capture, options, clock)
-    (stage, observed, mirrors, fitted), tests, photographs = placed.fit
+    (stage, observed, mirrors, fitted), tests, photographs, doubtful = placed.fit
     fitted, mirrors, lost = _fit(stage, observed, mirrors, fitted, clock)
     observed = without_blocked(observed, fitted)
     with clock.stage("residual"):
@@ -117,7 +119,7 @@ def recover(
             stage = replace(stage, options=replace(options, residual=replace(options.residual, max_modes=0)))
         model = with_residual(stage, observed, model)
     log.info("recover: %s", summary(model))
-    notes = (*placed.notes, *model.warnings, *given_up(options.budget_s, lost))
+    notes = (*doubtful, *placed.notes, *model.warnings, *given_up(options.budget_s, lost))
     return replace(model, seconds=clock.seconds, warnings=notes)
 
 
@@ -136,13 +138,16 @@ class Begun(NamedTuple):
     first: FirstFit
     tests: list[EdgeTest]
     photographs: Training
+    doubts: tuple[str, ...]  # what the photographs speak against in the capture
 
 
 def register(capture: Capture, options: RecoverOptions, clock: "Clock") -> Placed[Begun]:
     """The first fit, with the mesh where the photographs show it."""
 
     def fit(mesh: TriangleMesh) -> Begun:
-        return begin(replace(capture, mesh=mesh), options, clock)
+        # What the capture as given was not refused for is no reason to stop at a place that is tried.
+        trust = options.conventions if mesh is capture.mesh else ConventionOptions(trust=True)
+        return begin(replace(capture, mesh=mesh), options, clock, trust)
 
     def measure(begun: Begun, scale: float | None) -> Misplacement | None:
         if not clock.has_time(options.budget_s, sum(clock.latest.values())):
@@ -153,7 +158,9 @@ def register(capture: Capture, options: RecoverOptions, clock: "Clock") -> Place
     return place(capture.mesh, capture.camera, fit, measure, options.registration)
 
 
-def begin(capture: Capture, options: RecoverOptions, clock: "Clock") -> Begun:
+def begin(
+    capture: Capture, options: RecoverOptions, clock: "Clock", conventions: ConventionOptions | None = None
+) -> Begun:
     """Mesh, photographs, surfaces, mirrors, visibility and the first alternation."""
     with clock.stage("mesh"):
         mesh = prepare_mesh(capture.mesh, options.mesh)
@@ -161,13 +168,14 @@ def begin(capture: Capture, options: RecoverOptions, clock: "Clock") -> Begun:
     with clock.stage("photographs"):
         points = points_seen(rays, mesh, capture.camera)
         photographs = read_training(capture, mesh, points)
+        doubtful = doubts(capture, mesh, rays, points, photographs, conventions or options.conventions)
     with clock.stage("surfaces"):
         found = find_surfaces(capture, mesh, rays, points, photographs, options)
     with clock.stage("mirrors"):
         tests = test_mirrors(capture, mesh, rays, points, found, photographs, options)
         mirrors = accepted_mirrors(mesh, points, found, tests, options)
     first = first_fit(options, capture.camera, mesh, rays, points, found, photographs, mirrors, tests, clock)
-    return Begun(first, tests, photographs)
+    return Begun(first, tests, photographs, doubtful)
 
 
 def first_fit(

@@ -33,6 +33,13 @@ def _turn_away(folder: Path) -> None:
     _spoil_json(change)(folder)
 
 
+def _each_light(change: Callable[[dict], object]) -> Callable[[Path], None]:
+    """`change` every training light in place."""
+    return _spoil_json(
+        lambda top: [change(light) for f in top["frames"] if f["split"] == "train" for light in f["lights"]]
+    )
+
+
 def _mask_all(folder: Path) -> None:
     write_png(folder / "mask.png", np.zeros((48, 64), np.uint8))
     _spoil_json(lambda top: [f.update(mask_path="mask.png") for f in top["frames"]])(folder)
@@ -62,6 +69,16 @@ BAD_CAPTURES = {
         _spoil_json(lambda top: _first_train(top)["lights"][0].update(type="laser")),
         ["frames[0].lights[0].type", "laser"],
     ),
+    "lights negated": (
+        _each_light(lambda light: light.update(to_light=[-x for x in light["to_light"]])),
+        ["transforms.json lights", "(-x, -y, -z)", "negate"],
+    ),
+    "lights y up": (
+        _each_light(
+            lambda light: light.update(to_light=[light["to_light"][i] * s for i, s in ((0, 1), (2, 1), (1, -1))])
+        ),
+        ["transforms.json lights", "(x, -z, y)"],
+    ),
     "mesh missing": (lambda f: (f / "mesh.ply").unlink(), ["mesh_path", "mesh.ply"]),
     "mesh empty": (lambda f: (f / "mesh.ply").write_text("ply\nformat ascii 1.0\nend_header\n"), ["mesh.ply"]),
     "mesh missed": (_turn_away, ["mesh"]),
@@ -85,3 +102,25 @@ def test_a_bad_capture_is_one_line_and_leaves_nothing(run, tiny_copy: Path, tmp_
     status, out, err = run("recover", tiny_copy, "-o", output, "--quiet", *QUICK)
     assert_one_line(status, err, *words)
     assert out == "" and not list(tmp_path.rglob("*.relight"))
+
+
+def test_what_is_doubtful_is_said_and_recovered_all_the_same(run, tiny_copy: Path, tmp_path: Path) -> None:
+    powers = iter([1.0, 0.5, 1.6, 0.8, 1.3, 0.6] * 3)
+
+    def change(light: dict) -> None:
+        power = next(powers)
+        light["irradiance"] = [power * x for x in light["irradiance"]]
+
+    _each_light(change)(tiny_copy)
+    status, out, err = run("recover", tiny_copy, "-o", tmp_path / "tiny.relight", "--quiet", *QUICK)
+    assert status == 0 and "tiny.relight" in out
+    (line,) = [line for line in err.splitlines() if "exposures differ" in line]
+    assert line.startswith("warning: photographs: ") and "train_01 x" in line
+
+
+def test_what_is_refused_can_be_trusted(run, tiny_copy: Path, tmp_path: Path) -> None:
+    spoil, words = BAD_CAPTURES["lights negated"]
+    spoil(tiny_copy)
+    asked = ("recover", tiny_copy, "-o", tmp_path / "tiny.relight", "--quiet", *QUICK, "--conventions.trust")
+    status, _, err = run(*asked)
+    assert status == 0 and "warning: lights: " in err and words[-1] in err

@@ -1,5 +1,6 @@
 """Every script through its command line, on the tiny desk, in the order a person would run them."""
 
+import json
 import os
 import subprocess
 import sys
@@ -71,6 +72,19 @@ def test_a_capture_that_is_not_there_is_one_line_and_spoils_no_page(
 def test_a_capture_is_inspected() -> None:
     printed = run_script("inspect_capture", TINY)
     assert "train_00" in printed and "lights_off" in printed and "64 x 48" in printed
+
+
+def test_an_inspected_capture_that_its_photographs_contradict_is_refused(tmp_path: Path) -> None:
+    top = json.loads((ROOT / TINY / "transforms.json").read_text())
+    for frame in top["frames"]:
+        frame["file_path"] = str(ROOT / TINY / frame["file_path"])
+        frame["lights"] = [light | {"to_light": [-x for x in light["to_light"]]} for light in frame["lights"]]
+    top["mesh_path"] = str(ROOT / TINY / top["mesh_path"])
+    (tmp_path / "transforms.json").write_text(json.dumps(top))
+    command = [sys.executable, "pipelines/inspect_capture.py", str(tmp_path)]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert ended.returncode == 2 and "train_00" in ended.stdout, ended.stderr
+    assert "negate it" in ended.stderr.splitlines()[-1]
 
 
 def test_a_capture_is_recovered_evaluated_and_relit(output: Path) -> None:
