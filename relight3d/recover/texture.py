@@ -113,17 +113,17 @@ def left_out_gain(
     num_surfaces: int,
     white: float,
     num_folds: int = 3,
-) -> list[tuple[float, float]]:
-    """What an albedo per pixel gains over one per surface on photographs left out of both: (dB, standard error).
+) -> list[tuple[float, float, float]]:
+    """What an albedo per pixel gains over one per surface on photographs left out of both: (dB, its scatter over folds,
+    its robust scatter over single photographs), the scatters as standard errors.
 
-    The error is on a compressed scale, as a display shows it. The standard error is of the photographs' own gains, by
-    their robust scatter: a texture gains in every photograph, and one that a highlight spoils does not make it doubtful.
-    A surface without data gains (0, 0).
+    The error is on a compressed scale, as a display shows it. A texture gains in every photograph: one that a highlight
+    spoils moves the folds' scatter, and not the photographs'. A surface without data gains nothing.
     """
     num_photos = len(target)
     num_folds = min(num_folds, num_photos)
     if num_folds < 2:
-        return [(0.0, 0.0)] * num_surfaces
+        return [(0.0, 0.0, 0.0)] * num_surfaces
     top = np.einsum("lp,lpc,lpc->lpc", weight, light, target, optimize=True) * np.pi
     bottom = np.einsum("lp,lpc,lpc->lpc", weight, light, light, optimize=True)
     errors = np.zeros((2, num_photos, num_surfaces))
@@ -139,19 +139,21 @@ def left_out_gain(
             miss = np.arcsinh(model / white) - np.arcsinh(target[out] / white)
             lost = (weight[out][..., None] * np.minimum(miss**2, 0.25)).sum(axis=2)
             errors[k, out] = [np.bincount(surface, of_photo, num_surfaces) for of_photo in lost]
-    return [_gain_and_error(*errors[:, :, s]) for s in range(num_surfaces)]
+    return [_gain_and_scatters(errors[0, :, s], errors[1, :, s], num_folds) for s in range(num_surfaces)]
 
 
-def _gain_and_error(
-    before: Float64[np.ndarray, " photo"], after: Float64[np.ndarray, " photo"]
-) -> tuple[float, float]:
-    """The gain in dB of all photographs together, and the standard error of a photograph's, by the robust scatter."""
-    gain = _decibels(before.sum(keepdims=True), after.sum(keepdims=True))[0]
+def _gain_and_scatters(
+    before: Float64[np.ndarray, " photo"], after: Float64[np.ndarray, " photo"], num_folds: int
+) -> tuple[float, float, float]:
+    """The gain in dB of all photographs together, and its standard errors by folds and by photographs that tell."""
+    gain = float(_decibels(before.sum(keepdims=True), after.sum(keepdims=True))[0])
+    folds = [np.array([errors[k::num_folds].sum() for k in range(num_folds)]) for errors in (before, after)]
+    by_folds = float(_decibels(*folds).std() / num_folds**0.5)
     tells = before > TELLING * before.max(initial=0.0)
     if tells.sum() < 2:
-        return float(gain), abs(float(gain))
+        return gain, by_folds, by_folds
     gains = _decibels(before[tells], after[tells])
-    return float(gain), float(robust_scale(gains - np.median(gains)) / len(gains) ** 0.5)
+    return gain, by_folds, float(robust_scale(gains - np.median(gains)) / len(gains) ** 0.5)
 
 
 def _decibels(before: Float64[np.ndarray, " photo"], after: Float64[np.ndarray, " photo"]) -> np.ndarray:

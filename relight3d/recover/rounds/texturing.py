@@ -59,7 +59,10 @@ def judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted:
     gains = texture.left_out_gain(target, weight, light, stage.surface, len(mean), stage.white)
     evidence = dict(fitted.evidence)
     kept = np.zeros(len(mean), bool)
-    for s, (gain, noise) in enumerate(gains):
+    for s, (gain, by_folds, by_photographs) in enumerate(gains):
+        # Where neighbours differ it is a texture, and one photograph that a highlight spoils makes it no less of one.
+        # Errors of the normals, which neighbours share, must gain whatever is left out.
+        noise = by_photographs if replace(measured[s], spread=0.0).is_textured(options) else by_folds
         kept[s] = stage.forced.get(("texture", s), shows[s] or gain > max(options.min_gain_db, 2 * noise))
         reason = f"neighbours differ by {100 * measured[s].typical:.0f} %, spread {100 * measured[s].spread:.0f} %"
         evidence["texture", s] = Evidence(gain, noise, reason)
