@@ -138,7 +138,8 @@ def fit_lobes(
                 for system, is_out in zip(systems, folds, strict=True)
             )
         # A brushed lobe has a frame to choose besides: it is taken for what the others cannot do.
-        winner = int(np.argmin(np.where(is_brushed, errors * 10 ** (0.1 * options.min_gain_db), errors)))
+        handicap = 10 ** (0.1 * max(options.min_gain_db, 0.0))
+        winner = int(np.argmin(np.where(is_brushed, handicap * errors, errors)))
         if 10 * np.log10(max(best_error, 1e-30) / max(errors[winner], 1e-30)) < options.min_gain_db:
             break
         chosen.append(winner)
