@@ -122,7 +122,9 @@ def specular_radiance(
     for surface, lobes in enumerate(model.lobes):
         if lobes:
             mine = np.flatnonzero((view.surface == surface) & (form > 0))
-            brdf = lobe_brdf(lobes, view.normal[mine], to_light[mine], view.points.to_viewer[mine])
+            brdf = lobe_brdf(
+                lobes, view.normal[mine], to_light[mine], view.points.to_viewer[mine], view.points.position[mine]
+            )
             out[mine] = brdf * (form * view.lobe_gain)[mine, None]
     return out
 

@@ -14,7 +14,8 @@ from jaxtyping import Float, Float32, Int, Int32
 
 from relight3d.camera import Camera
 from relight3d.lights import FAR, DirectionalLight, Light, RectangleSample, SpotLight
-from relight3d.maths.lafortune import lobe_base, power
+from relight3d.maths.halfway import halfway_base, halfway_energy
+from relight3d.maths.lafortune import lobe_base, lobe_energy, power
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import Indirect, Lighting, Lobe, Mirror, PatchMesh, Residual, ShadingPoints
 from relight3d.tracing import RayScene
@@ -223,14 +224,26 @@ def lobe_brdf(
     normal: Float[np.ndarray, "*points 3"],
     to_light: Float[np.ndarray, "*points 3"],
     to_viewer: Float[np.ndarray, "*points 3"],
+    position: Float[np.ndarray, "*points 3"] | None = None,
 ) -> Float[np.ndarray, "*points 3"]:
-    """The sum of a surface's lobes, eq. (4), in 1/steradian."""
+    """The sum of a surface's lobes, eq. (4), in 1/steradian; a brushed one asks for positions (centred)."""
     total = np.zeros(np.broadcast_shapes(normal.shape, to_light.shape), normal.dtype)
     for lobe in lobes:
-        along = lobe.tangent if np.any(lobe.tangent) else None
-        base = lobe_base(normal, to_light, to_viewer, lobe.axes.astype(normal.dtype), along)
+        axes = lobe.axes.astype(normal.dtype)
+        if lobe.is_halfway:
+            assert position is not None, "a brushed lobe's tangent goes by the place"
+            along = (lobe.tangent + np.cross(lobe.turn, position)).astype(normal.dtype)
+            base = halfway_base(normal, to_light, to_viewer, axes, along)
+        else:
+            base = lobe_base(normal, to_light, to_viewer, axes, lobe.tangent if np.any(lobe.tangent) else None)
         total += power(base, lobe.exponent)[..., None] * lobe.color.astype(normal.dtype)
     return total
+
+
+def largest_albedo(lobe: Lobe) -> float:
+    """The most that a lobe of colour 1 sends back of what arrives, for any viewer."""
+    energy = halfway_energy if lobe.is_halfway else lobe_energy
+    return energy(np.asarray(lobe.axes), lobe.exponent)
 
 
 def light_strength(
@@ -285,7 +298,9 @@ def residual_kernel(
     """How strongly the lit and the dark modes of the residual answer to a light of power 1 (centred coordinates)."""
     to_light, strength = light_strength(light, np.zeros((1, 3)), softening)
     angle = np.arccos(np.clip(to_light @ residual.anchors.T, -1.0, 1.0))[0]
-    lit, dark = (np.exp(-angle / length) * strength[0] for length in (residual.lit_length_rad, residual.dark_length_rad))
+    lit, dark = (
+        np.exp(-angle / length) * strength[0] for length in (residual.lit_length_rad, residual.dark_length_rad)
+    )
     return residual.lit_weights @ lit, residual.dark_weights @ dark
 
 

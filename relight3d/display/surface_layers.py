@@ -21,8 +21,8 @@ from relight3d.display.pictures import (
 )
 from relight3d.display.subject import Lights, Subject
 from relight3d.maths.color import display_u8, luminance
-from relight3d.maths.lafortune import lobe_energy
 from relight3d.records import Lobe, RelightModel
+from relight3d.shading import largest_albedo
 
 
 def surfaces(subject: Subject, lights: Lights) -> Painting:
@@ -98,7 +98,11 @@ def lobe_width(subject: Subject, lights: Lights) -> Painting:
 
 
 def half_width_deg(lobe: Lobe) -> float:
-    """How far from its peak a lobe has fallen to one half."""
+    """How far from its peak a lobe has fallen to one half; a brushed one where it is narrowest."""
+    if lobe.is_halfway:  # base = 1 / (c sin^2 + cos^2) of half the angle
+        steepest = max(float(max(lobe.axes[:2])) - 1.0, 1e-6)
+        sine = np.sqrt(np.clip((2.0 ** (1.0 / max(lobe.exponent, 1e-6)) - 1.0) / steepest, 0.0, 1.0))
+        return float(np.degrees(2 * np.arcsin(sine)))
     return float(np.degrees(np.arccos(np.clip(0.5 ** (1.0 / max(lobe.exponent, 1e-6)), -1.0, 1.0))))
 
 
@@ -106,11 +110,14 @@ def describe_lobe(lobe: Lobe) -> str:
     """A lobe's parameters in one line, in the words of eq. (4)."""
     x, y, z = lobe.axes
     red, green, blue = lobe.color
+    if lobe.is_halfway:
+        x, y = 1 / np.sqrt(lobe.axes[:2])
+        return f"brushed, n {lobe.exponent:.3g}, width {x:.2f} by {y:.2f}, colour ({red:.3g}, {green:.3g}, {blue:.3g})"
     return f"n {lobe.exponent:.3g}, C ({x:.2f}, {y:.2f}, {z:.2f}), colour ({red:.3g}, {green:.3g}, {blue:.3g})"
 
 
 def _energy(lobe: Lobe) -> float:
-    return float(np.mean(lobe.color)) * lobe_energy(lobe.axes, lobe.exponent)
+    return float(np.mean(lobe.color)) * largest_albedo(lobe)
 
 
 def _colors(model: RelightModel, colors: Float[np.ndarray, "point 3"]) -> Painting:

@@ -71,7 +71,9 @@ class World:
         for key, material in enumerate(self.scene.materials):
             mine = np.flatnonzero((self.object_of_face[points.face] == key) & (form > 0)) if material.lobes else ()
             if len(mine):
-                brdf = lobe_brdf(material.lobes, normal[mine], to_light[mine], points.to_viewer[mine])
+                brdf = lobe_brdf(
+                    material.lobes, normal[mine], to_light[mine], points.to_viewer[mine], points.position[mine]
+                )
                 radiance[mine] = brdf * form[mine, None]
         return radiance
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 
 def tangent_frame(
-    normal: Float[np.ndarray, "*axes 3"], along: Float[np.ndarray, "3"] | None = None
+    normal: Float[np.ndarray, "*axes 3"], along: Float[np.ndarray, "*#axes 3"] | None = None
 ) -> tuple[Float[np.ndarray, "*axes 3"], Float[np.ndarray, "*axes 3"]]:
     """Tangent and bitangent of unit normals, the tangent as near to `along` as the plane allows.
 
@@ -21,10 +21,10 @@ def tangent_frame(
     a = -1.0 / (sign + z)
     b = x * y * a
     tangent = np.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=-1)
-    if along is not None and np.linalg.norm(along) > 0:
-        projected = along - normal * (normal @ along)[..., None]
-        length = np.linalg.norm(projected, axis=-1, keepdims=True)
-        tangent = np.where(length > 1e-4, projected / np.maximum(length, 1e-12), tangent)
+    if along is not None:
+        projected = along - normal * np.einsum("...i,...i->...", normal, along)[..., None]
+        length, whole = (np.linalg.norm(a, axis=-1, keepdims=True) for a in (projected, along))
+        tangent = np.where(length > 1e-4 * whole, projected / np.maximum(length, 1e-12), tangent)
     return tangent.astype(normal.dtype), np.cross(normal, tangent).astype(normal.dtype)
 
 

@@ -47,6 +47,7 @@ class DetailData:
     albedo: Float32[np.ndarray, "point 3"]
     normal: Float32[np.ndarray, "point 3"]  # the mesh's
     to_viewer: Float32[np.ndarray, "point 3"]
+    position: Float32[np.ndarray, "point 3"] | None = None  # for brushed lobes
 
 
 def perturb_normals(
@@ -168,7 +169,7 @@ def _shade(data: DetailData, lobes: tuple[Lobe, ...], normal: np.ndarray, photo:
     diffuse = data.albedo / np.float32(np.pi) * form + data.other[photo]
     if not lobes:
         return diffuse, np.zeros_like(diffuse)
-    return diffuse, lobe_brdf(lobes, normal, to_light, data.to_viewer) * form
+    return diffuse, lobe_brdf(lobes, normal, to_light, data.to_viewer, data.position) * form
 
 
 def _slope(radiance: np.ndarray, white: float) -> np.ndarray:
@@ -186,10 +187,11 @@ def _thin(data: DetailData, part: slice) -> DetailData:
     per_photo = {n: getattr(data, n)[:, part] for n in ("falloff", "measured", "other", "weight")}
     shared = data.to_light.shape[1] == 1
     per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
+    per_point["position"] = None if data.position is None else data.position[part]
     return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
 
 
 def _photos(data: DetailData, photos: np.ndarray) -> DetailData:
     """Some of the photographs."""
     chosen = {n: getattr(data, n)[photos] for n in ("to_light", "falloff", "measured", "other", "weight")}
-    return DetailData(**chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer)
+    return DetailData(**chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position)

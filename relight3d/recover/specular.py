@@ -8,17 +8,18 @@ The fit sees radiance on a compressed scale, asinh(radiance / white), since peak
 exponents and colours are fitted as logarithms within bounds, from several starts (trap 8).
 """
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Float64
 
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import BoundedFit, fit_bounded
-from relight3d.maths.lafortune import lobe_energy
 from relight3d.maths.least_squares import Status, robust_scale
 from relight3d.records import Lobe
-from relight3d.shading import lobe_brdf
+from relight3d.shading import largest_albedo, lobe_brdf
 
 MAX_EXPONENT = 1e4
 MAX_ENERGY = 1.0
@@ -35,7 +36,7 @@ class SpecularOptions:
     excess_sigmas: float = 4.0  # brighter than predicted by so many of the surface's own scatters is glossy
     num_samples: int = 4500  # (photograph, pixel) samples of a surface that enter the fit
     num_folds: int = 3
-    kinds: tuple[str, ...] = ("isotropic", "anisotropic", "retro")
+    kinds: tuple[str, ...] = ("isotropic", "anisotropic", "retro", "brushed")
 
     def __post_init__(self) -> None:
         if not 0 <= self.max_lobes <= 3:
@@ -54,10 +55,25 @@ class LobeSamples:
     measured: Float64[np.ndarray, "sample 3"]
     explained: Float64[np.ndarray, "sample 3"]  # diffuse + indirect
     weight: Float64[np.ndarray, " sample"]
+    position: Float64[np.ndarray, "sample 3"]  # centred
 
     def take(self, index: np.ndarray) -> "LobeSamples":
         """The samples of an index or mask."""
         return LobeSamples(**{name: getattr(self, name)[index] for name in self.__dataclass_fields__})
+
+
+class Brushing(NamedTuple):
+    """Which way a surface is brushed at a position: tangent + turn x position."""
+
+    tangent: Float64[np.ndarray, "3"]
+    turn: Float64[np.ndarray, "3"]
+
+
+class Frames(NamedTuple):
+    """The directions that anisotropic lobes may follow."""
+
+    tangent: Float64[np.ndarray, "3"]  # of eq. (4)'s
+    brushings: tuple[Brushing, ...] = ()
 
 
 def mirror_cosine(samples: LobeSamples) -> np.ndarray:
@@ -86,7 +102,7 @@ def glossy_excess(samples: LobeSamples, white: float) -> tuple[float, float]:
 
 
 def fit_lobes(
-    samples: LobeSamples, white: float, tangent: Float64[np.ndarray, "3"], options: SpecularOptions
+    samples: LobeSamples, white: float, frames: Frames, options: SpecularOptions
 ) -> tuple[tuple[Lobe, ...], BoundedFit | None, float]:
     """The lobes that left-out photographs ask for, the last fit, and the gain in dB on those photographs.
 
@@ -97,16 +113,12 @@ def fit_lobes(
     if len(samples.photo) < 30 or options.max_lobes == 0:
         return (), None, 0.0
     folds = _folds(np.unique(samples.photo), samples, options.num_folds)
-    atoms = _atoms(options.kinds, tangent)
-    shapes = np.stack(
-        [
-            lobe_brdf((_lobe(k, x, tangent),), samples.normal, samples.to_light, samples.to_viewer)[:, 0]
-            for k, x in atoms
-        ]
-    )
+    atoms = _atoms(options.kinds, frames)
+    is_brushed = np.array([kind.startswith("brushed") for kind, _ in atoms], bool)
+    shapes = np.stack([_shape(samples, k, x, frames) for k, x in atoms])
     # A lobe whose peak no photograph comes near would be an extrapolation: it explains a misfit by its foot, and blazes
     # under a light that nobody has tried.
-    is_seen = _seen_at_peak(shapes, _peaks(samples, atoms, tangent))
+    is_seen = _seen_at_peak(shapes, _peaks(samples, atoms, frames))
     parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
     whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
     systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
@@ -115,7 +127,8 @@ def fit_lobes(
     none = best_error
     for _ in range(options.max_lobes):
         errors = np.full(len(atoms), np.inf)
-        order = [int(atom) for atom in _promising(whole, chosen, is_seen, 14)]
+        # As many of either sort: hundreds of brushed ones would crowd the others out.
+        order = [int(a) for mask in (~is_brushed, is_brushed) for a in _promising(whole, chosen, is_seen & mask, 14)]
         if not order:
             break
         for atom in order:
@@ -124,7 +137,9 @@ def fit_lobes(
                 _held_out(samples, shapes, white, trial, _colors(system, trial), is_out)
                 for system, is_out in zip(systems, folds, strict=True)
             )
-        winner = int(np.argmin(errors))
+        # A brushed lobe has a frame to choose besides: it is taken for what the others cannot do.
+        handicap = 10 ** (0.1 * max(options.min_gain_db, 0.0))
+        winner = int(np.argmin(np.where(is_brushed, handicap * errors, errors)))
         if 10 * np.log10(max(best_error, 1e-30) / max(errors[winner], 1e-30)) < options.min_gain_db:
             break
         chosen.append(winner)
@@ -139,17 +154,20 @@ def fit_lobes(
         x[2:5] = np.log(np.clip(color, 1e-5, 1e3))
         kept.append((kind, x))
     thin = np.arange(0, len(samples.photo), max(1, len(samples.photo) // REFINED_SAMPLES))
-    refined, last = _refined(samples.take(thin), white, tangent, kept)
+    refined, last = _refined(samples.take(thin), white, frames, kept)
     # The shapes may walk away from what is seen; then those of the dictionary stand.
-    values = np.stack([_shape(samples, kind, x, tangent) for kind, x in refined])
-    if _seen_at_peak(values, _peaks(samples, refined, tangent)).all():
+    values = np.stack([_shape(samples, kind, x, frames) for kind, x in refined])
+    if _seen_at_peak(values, _peaks(samples, refined, frames)).all():
         kept = refined
-    lobes = tuple(_lobe(kind, parameters, tangent) for kind, parameters in kept)
+    lobes = tuple(_lobe(kind, parameters, frames) for kind, parameters in kept)
     return _within_energy(lobes), last, float(10 * np.log10(max(none, 1e-30) / max(best_error, 1e-30)))
 
 
-def _atoms(kinds: tuple[str, ...], tangent: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """The dictionary: exponents a factor 1.6 apart, a few ratios of c_x to c_z, each kind that is asked for."""
+def _atoms(kinds: tuple[str, ...], frames: Frames) -> list[tuple[str, np.ndarray]]:
+    """The dictionary: exponents a factor 1.6 apart, a few ratios of c_x to c_z, each kind that is asked for.
+
+    Brushed ones have an exponent near that of Trowbridge and Reitz, and each of two widths a factor 2 apart.
+    """
     atoms = []
     for exponent in 1.6 ** np.arange(2, 20):
         for ratio in (-0.12, -0.05, 0.0, 0.05) if "isotropic" in kinds else ():
@@ -159,6 +177,9 @@ def _atoms(kinds: tuple[str, ...], tangent: np.ndarray) -> list[tuple[str, np.nd
     for exponent in 2.0 ** np.arange(3, 10) if "anisotropic" in kinds else ():
         for turn in (0.0, np.pi / 4, np.pi / 2, -np.pi / 4):
             atoms.append(("anisotropic", np.array([np.log(exponent), 0.0, 0, 0, 0, -0.15, turn])))
+    for k in range(len(frames.brushings)) if "brushed" in kinds else ():
+        for narrow, wide in itertools.permutations(np.log(4.0) * np.arange(1, 6), 2):
+            atoms.append((f"brushed {k}", np.array([np.log(2.5), narrow, 0, 0, 0, wide])))
     return atoms
 
 
@@ -182,26 +203,28 @@ def _colors(system: tuple, chosen: list[int]) -> np.ndarray:
     grams, moments = system
     colors = np.zeros((len(chosen), 3))
     for color in range(3):
-        gram = grams[color][np.ix_(chosen, chosen)] + 1e-9 * np.trace(grams[color]) / len(grams[color]) * np.eye(
-            len(chosen)
-        )
+        gram = grams[color][np.ix_(chosen, chosen)]
+        gram = gram + 1e-9 * np.trace(gram) / len(chosen) * np.eye(len(chosen))
         root = np.linalg.cholesky(gram + 1e-12 * np.eye(len(chosen)))
         colors[:, color] = nnls(root.T, np.linalg.solve(root, moments[color][chosen]))[0]
     return colors
 
 
-def _shape(samples: LobeSamples, kind: str, x: np.ndarray, tangent: np.ndarray) -> np.ndarray:
+def _shape(samples: LobeSamples, kind: str, x: np.ndarray, frames: Frames) -> np.ndarray:
     """A lobe's value at each sample as a share of its peak."""
     one = np.concatenate([x[:2], np.zeros(3), x[5:]])
-    return lobe_brdf((_lobe(kind, one, tangent),), samples.normal, samples.to_light, samples.to_viewer)[:, 0]
+    return _brdf(samples, (_lobe(kind, one, frames),))[:, 0]
 
 
-def _peaks(samples: LobeSamples, lobes: list[tuple[str, np.ndarray]], tangent: np.ndarray) -> np.ndarray:
+def _peaks(samples: LobeSamples, lobes: list[tuple[str, np.ndarray]], frames: Frames) -> np.ndarray:
     """The most that each lobe can send to each sample's viewer, under the light that suits it best: |C v| ** n."""
     v_z = np.clip(np.einsum("si,si->s", samples.normal, samples.to_viewer), 0.0, 1.0)
     rows = []
     for kind, x in lobes:
-        one = _lobe(kind, x, tangent)
+        one = _lobe(kind, x, frames)
+        if one.is_halfway:
+            rows.append(np.ones_like(v_z))
+            continue
         across = np.abs(one.axes[:2]).max()
         length = np.sqrt(across**2 * (1 - v_z**2) + one.axes[2] ** 2 * v_z**2)
         rows.append(np.maximum(length, 1e-6) ** one.exponent)
@@ -255,10 +278,20 @@ _BOUNDS = {  # log exponent, log |c_x / c_z| (and |c_y / c_z|), log colour (thre
     "isotropic": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
     "retro": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
     "anisotropic": ([0.0, -0.7, -12, -12, -12, -0.7, -1.6], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9, 0.7, 1.6]),
+    # log c_x and log c_y instead, squares of one over the widths
+    "brushed": ([0.3, 0.7, -12, -12, -12, 0.7], [4.0, 9.0, 9, 9, 9, 9.0]),
 }
 
 
-def _lobe(kind: str, x: np.ndarray, tangent: np.ndarray) -> Lobe:
+def _bounds(kind: str) -> tuple[list, list]:
+    return _BOUNDS[kind.split()[0]]
+
+
+def _lobe(kind: str, x: np.ndarray, frames: Frames) -> Lobe:
+    if kind.startswith("brushed"):
+        brushing, axes = frames.brushings[int(kind.split()[1])], np.array([np.exp(x[1]), np.exp(x[5]), 1.0])
+        return Lobe(np.exp(x[2:5]), axes, float(np.exp(x[0])), *brushing, is_halfway=True)
+    tangent = frames.tangent
     ratio_x = np.exp(x[1])
     ratio_y = np.exp(x[5]) if kind == "anisotropic" else ratio_x
     sign = 1.0 if kind == "retro" else -1.0
@@ -271,17 +304,17 @@ def _lobe(kind: str, x: np.ndarray, tangent: np.ndarray) -> Lobe:
     return Lobe(np.exp(x[2:5]), axes, float(np.exp(x[0])), along)
 
 
-def _refined(samples, white, tangent, kept) -> tuple[list, BoundedFit]:
+def _refined(samples, white, frames, kept) -> tuple[list, BoundedFit]:
     """Shapes and colours of all lobes fitted together, from where the dictionary left them."""
     kinds = [kind for kind, _ in kept]
-    lower = np.concatenate([np.array(_BOUNDS[k][0]) for k in kinds])
-    upper = np.concatenate([np.array(_BOUNDS[k][1]) for k in kinds])
-    sizes = np.cumsum([len(_BOUNDS[k][0]) for k in kinds])[:-1]
+    lower = np.concatenate([np.array(_bounds(k)[0]) for k in kinds])
+    upper = np.concatenate([np.array(_bounds(k)[1]) for k in kinds])
+    sizes = np.cumsum([len(_bounds(k)[0]) for k in kinds])[:-1]
     measured = _compress(samples.measured, white)
     root = np.sqrt(samples.weight)[:, None]
 
     def residual(x: np.ndarray) -> np.ndarray:
-        lobes = tuple(_lobe(k, part, tangent) for k, part in zip(kinds, np.split(x, sizes), strict=True))
+        lobes = tuple(_lobe(k, part, frames) for k, part in zip(kinds, np.split(x, sizes), strict=True))
         return ((_compress(_model(samples, lobes), white) - measured) * root).ravel()
 
     start = np.concatenate([x for _, x in kept])
@@ -290,8 +323,11 @@ def _refined(samples, white, tangent, kept) -> tuple[list, BoundedFit]:
 
 
 def _model(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> np.ndarray:
-    brdf = lobe_brdf(lobes, samples.normal, samples.to_light, samples.to_viewer)
-    return samples.explained + brdf * samples.form
+    return samples.explained + _brdf(samples, lobes) * samples.form
+
+
+def _brdf(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> np.ndarray:
+    return lobe_brdf(lobes, samples.normal, samples.to_light, samples.to_viewer, samples.position)
 
 
 def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
@@ -300,9 +336,9 @@ def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
 
 def _within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
     """Lobes scaled so that all together send back no more than they get, for any viewer and colour."""
-    sent = sum(lobe.color * lobe_energy(np.asarray(lobe.axes), lobe.exponent) for lobe in lobes)
+    sent = sum(lobe.color * largest_albedo(lobe) for lobe in lobes)
     excess = max(float(np.max(sent)) / MAX_ENERGY, 1.0)
-    return tuple(Lobe(lobe.color / excess, lobe.axes, lobe.exponent, lobe.tangent) for lobe in lobes)
+    return tuple(replace(lobe, color=lobe.color / excess) for lobe in lobes)
 
 
 def status_of(fit: BoundedFit | None) -> tuple[Status, int, float]:
@@ -316,10 +352,12 @@ def specular_radiance(
     to_light: Float32[np.ndarray, "point 3"],
     to_viewer: Float32[np.ndarray, "point 3"],
     form: Float32[np.ndarray, "point color"],
+    position: Float32[np.ndarray, "point 3"] | None = None,
 ) -> Float32[np.ndarray, "point 3"]:
     """The lobes' radiance where the light is seen; points in shadow cost nothing."""
     out = np.zeros((len(normal), 3), np.float32)
     lit = np.flatnonzero(form.max(axis=1) > 0)
     if lobes and len(lit):
-        out[lit] = lobe_brdf(lobes, normal[lit], to_light[lit], to_viewer[lit]) * form[lit]
+        places = None if position is None else position[lit]
+        out[lit] = lobe_brdf(lobes, normal[lit], to_light[lit], to_viewer[lit], places) * form[lit]
     return out

@@ -14,8 +14,10 @@ from jaxtyping import Float32, Float64, Int32
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
-from relight3d.maths.least_squares import Solution, Status
+from relight3d.maths.least_squares import Solution, Status, robust_scale
 from relight3d.records import Observations, ShadingPoints
+
+TELLING = 0.02  # of the largest error: a photograph with so much says something of a gain
 
 
 @dataclass(frozen=True)
@@ -111,18 +113,20 @@ def left_out_gain(
     num_surfaces: int,
     white: float,
     num_folds: int = 3,
-) -> list[tuple[float, float]]:
-    """What an albedo per pixel gains over one per surface on photographs left out of both: (dB, its scatter over folds).
+) -> list[tuple[float, float, float]]:
+    """What an albedo per pixel gains over one per surface on photographs left out of both: (dB, its scatter over folds,
+    its robust scatter over single photographs), the scatters as standard errors.
 
-    The error is on a compressed scale, as a display shows it. A surface without data gains (0, 0).
+    The error is on a compressed scale, as a display shows it. A texture gains in every photograph: one that a highlight
+    spoils moves the folds' scatter, and not the photographs'. A surface without data gains nothing.
     """
     num_photos = len(target)
     num_folds = min(num_folds, num_photos)
     if num_folds < 2:
-        return [(0.0, 0.0)] * num_surfaces
+        return [(0.0, 0.0, 0.0)] * num_surfaces
     top = np.einsum("lp,lpc,lpc->lpc", weight, light, target, optimize=True) * np.pi
     bottom = np.einsum("lp,lpc,lpc->lpc", weight, light, light, optimize=True)
-    errors = np.zeros((num_folds, 2, num_surfaces))
+    errors = np.zeros((2, num_photos, num_surfaces))
     for fold in range(num_folds):
         out = np.arange(fold, num_photos, num_folds)
         inside = np.setdiff1d(np.arange(num_photos), out)
@@ -133,12 +137,27 @@ def left_out_gain(
         for k, albedo in enumerate((whole, own)):
             model = albedo / np.pi * light[out]
             miss = np.arcsinh(model / white) - np.arcsinh(target[out] / white)
-            lost = (weight[out][..., None] * np.minimum(miss**2, 0.25)).sum(axis=(0, 2))
-            errors[fold, k] = np.bincount(surface, lost, num_surfaces)
-    gains = 10 * np.log10(np.maximum(errors[:, 0], 1e-12) / np.maximum(errors[:, 1], 1e-12))
-    total = errors.sum(axis=0)
-    gain = 10 * np.log10(np.maximum(total[0], 1e-12) / np.maximum(total[1], 1e-12))
-    return [(float(gain[s]), float(gains[:, s].std() / num_folds**0.5)) for s in range(num_surfaces)]
+            lost = (weight[out][..., None] * np.minimum(miss**2, 0.25)).sum(axis=2)
+            errors[k, out] = [np.bincount(surface, of_photo, num_surfaces) for of_photo in lost]
+    return [_gain_and_scatters(errors[0, :, s], errors[1, :, s], num_folds) for s in range(num_surfaces)]
+
+
+def _gain_and_scatters(
+    before: Float64[np.ndarray, " photo"], after: Float64[np.ndarray, " photo"], num_folds: int
+) -> tuple[float, float, float]:
+    """The gain in dB of all photographs together, and its standard errors by folds and by photographs that tell."""
+    gain = float(_decibels(before.sum(keepdims=True), after.sum(keepdims=True))[0])
+    folds = [np.array([errors[k::num_folds].sum() for k in range(num_folds)]) for errors in (before, after)]
+    by_folds = float(_decibels(*folds).std() / num_folds**0.5)
+    tells = before > TELLING * before.max(initial=0.0)
+    if tells.sum() < 2:
+        return gain, by_folds, by_folds
+    gains = _decibels(before[tells], after[tells])
+    return gain, by_folds, float(robust_scale(gains - np.median(gains)) / len(gains) ** 0.5)
+
+
+def _decibels(before: Float64[np.ndarray, " photo"], after: Float64[np.ndarray, " photo"]) -> np.ndarray:
+    return 10 * np.log10(np.maximum(before, 1e-12) / np.maximum(after, 1e-12))
 
 
 def by_reciprocals(

@@ -51,7 +51,7 @@ class Buffers:
     gloss: Float32[np.ndarray, "3 point"]  # lobe gain * throughput
     surface: Int32[np.ndarray, " point"]
     lobe_start: Int32[np.ndarray, " surface_and_end"]  # the lobes of surface s: lobe_start[s] to lobe_start[s + 1]
-    lobes: Float32[np.ndarray, "lobe 12"]
+    lobes: Float32[np.ndarray, "lobe 15"]
     steps: Callable[[Int32[np.ndarray, " some"]], Float32[np.ndarray, "some 2 3"]]  # View.step of some points
     neighbour: Int32[np.ndarray, "point 4"]
     point_start: Int32[np.ndarray, " rank_and_end"]  # the points of rank r: point_start[r] to point_start[r + 1]
@@ -162,16 +162,18 @@ def _block_order(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of colour, axes, exponent, tangent, isotropy and the base below which a lobe is dark; each surface's first."""
+    """Rows of colour, axes, exponent, tangent, form (1 isotropic, -1 brushed), the base below which a lobe is dark, and
+    turn; each surface's first.
+    """
     rows, ends = [], [0]
     for lobes in model.lobes:
         for lobe in lobes:
-            isotropic = float(lobe.axes[0] == lobe.axes[1])
+            form = -1.0 if lobe.is_halfway else float(lobe.axes[0] == lobe.axes[1])
             # exp(-20) = 2e-9 of the peak: below it a power is not worth its logarithm. Never 0, which has none.
             dark = max(np.exp(-20.0 / max(lobe.exponent, 1e-6)), 1e-30)
-            rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, isotropic, dark])
+            rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, form, dark, *lobe.turn])
         ends.append(len(rows))
-    table = np.array(rows, np.float32).reshape(-1, 12)
+    table = np.array(rows, np.float32).reshape(-1, 15)
     return table, np.array(ends, np.int32)
 
 

@@ -102,7 +102,7 @@ def fill(
                 continue
             _add_irradiance(lights, light, n, work)
             if len(lobes):
-                add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, gloss, a, b, work)
+                add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work)
         for c in range(3):
             albedo, total, arriving = diffuse[c, a:b], work[TOTAL + c, :n], work[IRRADIANCE + c, :n]
             for i in range(n):

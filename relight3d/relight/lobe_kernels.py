@@ -11,6 +11,7 @@ TOTAL, WAY, FORM, LOBES, BASE, ALONG, ACROSS, NUM_ROWS = 0, 3, 6, 7, 10, 11, 12,
 TWO, HALF, LN2, PER_LN2 = np.float32(2), np.float32(0.5), np.float32(math.log(2)), np.float32(1 / math.log(2))
 LOG_3, LOG_5, LOG_7, LOG_9 = (np.float32(1 / k) for k in (3, 5, 7, 9))  # atanh's series, for the logarithm
 EXP_3, EXP_4, EXP_5, EXP_6 = (np.float32(1 / math.factorial(k)) for k in (3, 4, 5, 6))
+TURNS_AT, TINY = np.float32(1e-4), np.float32(1e-12)
 SQRT_HALF_BITS, MANTISSA_BITS, EXPONENT_OF_ONE = 0x3F3504F3, 23, 127
 
 
@@ -68,7 +69,31 @@ def _brushed_base(lobe, normal, viewer, a, b, way, base):
 
 
 @fused_inlined
-def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, gloss, a, first, last, work):
+def _halfway_base(lobe, position, normal, viewer, a, b, way, base):
+    """The base of a brushed highlight, maths.halfway."""
+    for i in range(len(base)):
+        nx, ny, nz = normal[0, a + i], normal[1, a + i], normal[2, a + i]
+        qx, qy, qz = position[0, a + i], position[1, a + i], position[2, a + i]
+        sign = ONE if nz >= 0 else -ONE
+        t = -ONE / (sign + nz)
+        tx, ty, tz = ONE + sign * nx * nx * t, sign * nx * ny * t, -sign * nx
+        ux = lobe[7] + lobe[13] * qz - lobe[14] * qy
+        uy = lobe[8] + lobe[14] * qx - lobe[12] * qz
+        uz = lobe[9] + lobe[12] * qy - lobe[13] * qx
+        along = nx * ux + ny * uy + nz * uz
+        px, py, pz = ux - nx * along, uy - ny * along, uz - nz * along
+        length = np.float32(math.sqrt(px * px + py * py + pz * pz))
+        if length > TURNS_AT * np.float32(math.sqrt(ux * ux + uy * uy + uz * uz)):
+            tx, ty, tz = px / length, py / length, pz / length
+        hx, hy, hz = viewer[0, a + i] + way[0][i], viewer[1, a + i] + way[1][i], viewer[2, a + i] + way[2][i]
+        bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+        along, aside, ahead = tx * hx + ty * hy + tz * hz, bx * hx + by * hy + bz * hz, nx * hx + ny * hy + nz * hz
+        spread = lobe[3] * along * along + lobe[4] * aside * aside + lobe[5] * ahead * ahead
+        base[i] = (hx * hx + hy * hy + hz * hz + TINY) / (spread + TINY)
+
+
+@fused_inlined
+def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, gloss, a, first, last, work):
     """The highlights of the points a + first to a + last, of one surface, whose lobes are `rows`."""
     way = (work[WAY, first:last], work[WAY + 1, first:last], work[WAY + 2, first:last])
     base, along, across = work[BASE, first:last], work[ALONG, first:last], work[ACROSS, first:last]
@@ -83,6 +108,8 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, gloss, a, 
             aside, ahead = lobes[k, 3], lobes[k, 5]
             for i in range(len(base)):
                 base[i] = aside * across[i] + ahead * along[i]
+        elif lobes[k, 10] < 0:
+            _halfway_base(lobes[k], position, normal, viewer, *ends, way, base)
         else:
             _brushed_base(lobes[k], normal, viewer, *ends, way, base)
         dark, num = lobes[k, 11], 0
@@ -113,7 +140,7 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, gloss, a, 
 
 
 @fused_inlined
-def add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, gloss, a, b, work):
+def add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work):
     """The highlights of the points a to b, run by run of one surface: mostly the whole block."""
     mine, num = surface[a:b], 0
     for i in range(len(mine)):
@@ -125,5 +152,6 @@ def add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, gloss, 
             last += 1
         rows = (lobe_start[surface[first]], lobe_start[surface[first] + 1])
         if rows[0] < rows[1]:
-            _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, gloss, a, first - a, last - a, work)
+            ends = (first - a, last - a)
+            _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, gloss, a, *ends, work)
         first = last

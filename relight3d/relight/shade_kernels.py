@@ -137,7 +137,7 @@ def shade_points(
             continue
         _add_diffuse(lights, light, diffuse, a, b, work)
         if len(lobes):
-            add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, gloss, a, b, work)
+            add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work)
     if len(irradiance):
         _add_indirect(site_source, site_share, irradiance, diffuse, a, b, work)
     if len(images):

@@ -34,7 +34,7 @@ def plain() -> RelightModel:
 
 @cache
 def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
-    """A desk with gloss (one lobe anisotropic), a mirror that throws light, indirect light, detail and a residual."""
+    """A desk with gloss (one lobe anisotropic, one brushed), mirror that throws light, indirect light, detail, residual."""
     model = true_model(scenes.desk(glossy=True, textured=True, mirror=True), hemisphere_lights(7))
     rng = np.random.default_rng(0)
     num = len(model.pixels.points)
@@ -42,12 +42,15 @@ def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     gain = rng.uniform(0.5, 1.5, num).astype(np.float32)
     brushed = Lobe(np.full(3, 0.3), np.array([-1.0, -0.8, 0.9]), 12.0, np.array([1.0, 0.2, 0.0]))
+    grooved = Lobe(
+        np.full(3, 0.5), np.array([90.0, 7.0, 1.0]), 2.4, np.array([0.1, 0.3, -0.2]), np.array([0.5, -0.2, 1.0]), True
+    )
     return replace(
         model,
         pixels=replace(model.pixels, normal=tilted.astype(np.float32), lobe_gain=gain),
         indirect=random_indirect(model, basis, site, rng),
         residual=random_residual(num, rng),
-        lobes=((brushed,), *model.lobes[1:]),
+        lobes=((brushed,), (grooved,), *model.lobes[2:]),
     )
 
 

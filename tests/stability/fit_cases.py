@@ -7,7 +7,7 @@ from relight3d.maths.lafortune import lobe_base, power
 from relight3d.maths.least_squares import Status
 from relight3d.records import Lobe
 from relight3d.recover.detail import DetailData, DetailOptions, lobe_gains, perturb_normals
-from relight3d.recover.specular import LobeSamples, SpecularOptions, fit_lobes, glossy_excess
+from relight3d.recover.specular import Frames, LobeSamples, SpecularOptions, fit_lobes, glossy_excess
 from relight3d.recover.texture import reciprocal_texture
 from relight3d.shading import lobe_brdf
 from tests.stability.harness import (
@@ -36,7 +36,8 @@ def lobe_samples(lobes: tuple[Lobe, ...], num: int = 6000, spread: float = 0.9, 
     explained = np.repeat(0.4 / np.pi * form, 3, axis=1)
     measured = explained + lobe_brdf(lobes, normal, light, viewer) * form
     measured = measured + noise * rng.standard_normal(measured.shape)
-    return LobeSamples(rng.integers(0, 10, num), normal, light, viewer, form, measured, explained, np.ones(num))
+    photo, here = rng.integers(0, 10, num), np.zeros((num, 3))
+    return LobeSamples(photo, normal, light, viewer, form, measured, explained, np.ones(num), here)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -56,7 +57,7 @@ def sharp_lobes() -> Outcome:
     for exponent in (3.0, 100.0, 3000.0, 1e4):
         # Energy 2 pi color / (n + 2) of 0.3: from a sheen to a peak of 500 times white.
         samples = lobe_samples((plastic(0.3 * (exponent + 2) / (2 * np.pi), exponent),))
-        lobes, fit, gain = fit_lobes(samples, 1.0, TANGENT, SpecularOptions())
+        lobes, fit, gain = fit_lobes(samples, 1.0, Frames(TANGENT), SpecularOptions())
         assert lobes and fit is not None and np.isfinite(gain)
         assert all(1 <= lobe.exponent <= 1e4 * (1 + 1e-9) and np.isfinite(lobe.color).all() for lobe in lobes)
         found.append(max(lobe.exponent for lobe in lobes))
@@ -88,9 +89,9 @@ def exactly_diffuse() -> Outcome:
     samples = lobe_samples(())
     excess, _ = glossy_excess(samples, 1.0)
     assert excess < SpecularOptions().excess_sigmas
-    lobes, fit, gain = fit_lobes(samples, 1.0, TANGENT, SpecularOptions())
+    lobes, fit, gain = fit_lobes(samples, 1.0, Frames(TANGENT), SpecularOptions())
     assert lobes == () and fit is None and gain == 0.0
-    lobes, _, _ = fit_lobes(lobe_samples((), noise=0.01), 1.0, TANGENT, SpecularOptions())
+    lobes, _, _ = fit_lobes(lobe_samples((), noise=0.01), 1.0, Frames(TANGENT), SpecularOptions())
     assert lobes == ()
     model = checked(good_capture())
     assert not any(model.lobes)
@@ -103,7 +104,7 @@ def pure_mirror() -> Outcome:
     samples = lobe_samples(())
     along = np.einsum("si,si->s", samples.to_light, samples.to_viewer * [-1, -1, 1])
     samples.measured[along > np.cos(np.radians(0.3))] += 100.0
-    lobes, fit, _ = fit_lobes(samples, 1.0, TANGENT, SpecularOptions())
+    lobes, fit, _ = fit_lobes(samples, 1.0, Frames(TANGENT), SpecularOptions())
     assert all(1 <= lobe.exponent <= 1e4 * (1 + 1e-9) and np.isfinite(lobe.color).all() for lobe in lobes)
     status = "none" if fit is None else Status(fit.status).name.lower()
     # All energy stays within what arrives, so that no frame can outshine the lamp's own mirror image.

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from relight3d.maths.halfway import rigid_field
 from relight3d.records import Mirror, Observations
 from relight3d.recover import specular
 from relight3d.recover.rounds.light import direct_irradiance, specular_layers
@@ -30,7 +31,7 @@ def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
             if ("lobes", s) in stage.forced:
                 options = replace(options, min_gain_db=ANY_GAIN)
-            found, fit, gain = specular.fit_lobes(samples, stage.white, _tangent(stage, s), options)
+            found, fit, gain = specular.fit_lobes(samples, stage.white, _frames(stage, s), options)
         reason = f"{excess:.1f} scatters brighter than predicted near the mirror direction"
         evidence["lobes", s] = Evidence(gain, stage.options.specular.min_gain_db, reason)
         lobes.append(found)
@@ -74,7 +75,51 @@ def _lobe_samples(stage: Stage, observed: Observations, fitted: Fitted, matte, m
         measured=observed.radiance[photo, point].astype(np.float64),
         explained=matte[photo, point].astype(np.float64),
         weight=np.ones(len(photo)),
+        position=stage.points.position[point].astype(np.float64),
     )
+
+
+def _frames(stage: Stage, s: int) -> specular.Frames:
+    """The directions that a surface may be brushed in: lengthways, along its UVs, or in circles about one of its axes."""
+    along, still = _tangent(stage, s), np.zeros(3)
+    brushings = [specular.Brushing(along, still)]
+    by_uvs = _along_uvs(stage, s)
+    brushings += [] if by_uvs is None else [by_uvs]
+    faces = np.flatnonzero(stage.surfaces.surface_of_face == s)
+    corners = stage.mesh.centered_vertices[stage.mesh.faces[faces]].astype(np.float64)
+    area = stage.mesh.face_areas[faces]
+    if len(faces) > 3 and area.sum() > 0:
+        places = corners.mean(axis=1)
+        middle = np.average(places, axis=0, weights=area)
+        _, axes = np.linalg.eigh(np.cov((places - middle).T, aweights=area))
+        size = np.sqrt(np.average(((places - middle) ** 2).sum(axis=1), weights=area))
+        for axis in axes.T / max(size, 1e-30):
+            brushings.append(specular.Brushing(-np.cross(axis, middle), axis))
+    return specular.Frames(along, tuple(brushings))
+
+
+def _along_uvs(stage: Stage, s: int) -> specular.Brushing | None:
+    """The brushing that runs most nearly as the first texture coordinate grows; None without UVs."""
+    mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
+    if stage.mesh.corner_uvs is None or len(mine) < 3:
+        return None
+    mine = mine[:: max(1, len(mine) // 4000)]
+    face, normal = stage.points.face[mine], stage.points.normal[mine].astype(np.float64)
+    corners = stage.mesh.centered_vertices[stage.mesh.faces[face]].astype(np.float64)
+    uvs = stage.mesh.corner_uvs[face].astype(np.float64)
+    sides, steps = corners[:, 1:] - corners[:, :1], uvs[:, 1:] - uvs[:, :1]
+    determinant = steps[:, 0, 0] * steps[:, 1, 1] - steps[:, 0, 1] * steps[:, 1, 0]
+    along = sides[:, 0] * steps[:, 1, 1:] - sides[:, 1] * steps[:, 0, 1:]
+    along = along * np.sign(determinant)[:, None]
+    along -= normal * np.einsum("pi,pi->p", normal, along)[:, None]
+    length = np.linalg.norm(along, axis=1)
+    good = (determinant != 0) & (length > 0)
+    if good.sum() < 3:
+        return None
+    field = rigid_field(
+        stage.points.position[mine][good].astype(np.float64), along[good] / length[good, None], normal[good]
+    )
+    return specular.Brushing(*field)
 
 
 def _tangent(stage: Stage, s: int) -> np.ndarray:

@@ -57,7 +57,9 @@ def specular_layers(stage: Stage, observed: Observations, fitted: Fitted) -> np.
                 share = (light.power / observed.scale[photo]).astype(np.float32) if len(each) > 1 else np.float32(1)
                 form = observed.form[photo, mine] * change[photo, mine, None] * share
                 to_light = np.asarray(light.incident(points.position[mine])[0], np.float32)
-                value = specular.specular_radiance(lobes, fitted.normal[mine], to_light, points.to_viewer[mine], form)
+                value = specular.specular_radiance(
+                    lobes, fitted.normal[mine], to_light, points.to_viewer[mine], form, points.position[mine]
+                )
                 out[photo, mine] += value * fitted.lobe_gain[mine, None]
     return out
 

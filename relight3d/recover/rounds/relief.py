@@ -61,4 +61,5 @@ def _detail_data(stage: Stage, observed: Observations, mirrors, fitted: Fitted, 
         albedo=fitted.albedo[mine],
         normal=points.normal[mine],
         to_viewer=points.to_viewer[mine],
+        position=points.position[mine],
     )

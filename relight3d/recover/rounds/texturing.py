@@ -9,6 +9,7 @@ from relight3d.records import Observations
 from relight3d.recover import texture
 from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
+OUTSHONE = 0.25  # of the rest: where a lobe shines more, a photograph says nothing of the texture
 
 def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
     """The median albedo of each surface by what its points have to say.
@@ -38,7 +39,10 @@ def judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted:
     options = stage.options.texture
     glare = observed.is_highlight
     if fitted.specular is not None:
-        glare = glare | (fitted.specular.mean(axis=2) > 0.05 * np.abs(target).mean(axis=2))
+        shine, rest = fitted.specular.mean(axis=2), np.abs(target).mean(axis=2)
+        glare = glare | (shine > 0.05 * rest)
+        # What a lobe misses is as large as what it shines, and no matter of the albedo.
+        weight = weight * (shine < OUTSHONE * rest)
     measured = texture.difference_measure(
         replace(observed, radiance=target, is_highlight=glare),
         stage.points,
@@ -55,7 +59,10 @@ def judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted:
     gains = texture.left_out_gain(target, weight, light, stage.surface, len(mean), stage.white)
     evidence = dict(fitted.evidence)
     kept = np.zeros(len(mean), bool)
-    for s, (gain, noise) in enumerate(gains):
+    for s, (gain, by_folds, by_photographs) in enumerate(gains):
+        # Where neighbours differ it is a texture, and one photograph that a highlight spoils makes it no less of one.
+        # Errors of the normals, which neighbours share, must gain whatever is left out.
+        noise = by_photographs if replace(measured[s], spread=0.0).is_textured(options) else by_folds
         kept[s] = stage.forced.get(("texture", s), shows[s] or gain > max(options.min_gain_db, 2 * noise))
         reason = f"neighbours differ by {100 * measured[s].typical:.0f} %, spread {100 * measured[s].spread:.0f} %"
         evidence["texture", s] = Evidence(gain, noise, reason)

@@ -1,0 +1,36 @@
+"""Brushed surfaces: their streaks turn with the surface, from texture coordinates or from the mesh's own axes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight3d.evaluate.run import evaluate
+from relight3d.evaluate.scenes import Material, Scene, hemisphere_lights, scene_camera
+from relight3d.evaluate.shapes import joined, sphere
+from relight3d.evaluate.synthetic import synthesize
+from relight3d.records import Capture, Lobe
+from relight3d.recover.run import recover
+from relight3d.recover.specular import SpecularOptions
+from tests.plan.models import QUICK
+
+
+def turned_part() -> Capture:
+    """A ball turned on a lathe: grooves around z, so that its highlight is a streak from pole to pole."""
+    grooves = Lobe(
+        np.full(3, 0.6), np.array([6.0, 150.0, 1.0])[[1, 0, 2]], 2.0, np.zeros(3), np.array([0, 0, 1.0]), True
+    )
+    scene = Scene(joined({"ball": sphere(0.7)}), (Material((0.3, 0.3, 0.3), lobes=(grooves,)),), scene_camera(56, 48))
+    return synthesize(scene, hemisphere_lights(12, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
+
+
+@pytest.mark.parametrize("has_uvs", [True, False])
+def test_grooves_that_turn_with_the_surface_are_found(has_uvs: bool) -> None:
+    capture = turned_part()
+    capture = capture if has_uvs else replace(capture, mesh=replace(capture.mesh, corner_uvs=None))
+    lafortune = SpecularOptions(kinds=("isotropic", "anisotropic", "retro"))
+    found, papers = (recover(capture, options, quiet=True) for options in (QUICK, replace(QUICK, specular=lafortune)))
+    brushed = [lobe for lobe in found.lobes[0] if lobe.is_halfway]
+    assert brushed
+    ours, theirs = (evaluate(model, capture, baselines=False).model.mean.psnr_db for model in (found, papers))
+    assert ours > theirs + 3.0
