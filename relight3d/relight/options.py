@@ -7,7 +7,7 @@ from relight3d.errors import InputError
 
 Shadows = Literal["exact", "adaptive", "table", "off"]
 Backend = Literal["auto", "numpy", "numba"]
-Shading = Literal["exact", "adaptive"]
+Shading = Literal["exact", "adaptive", "half"]
 Precision = Literal["float32", "int16", "int8"]
 Preset = Literal["fast", "balanced", "exact"]
 
@@ -42,7 +42,7 @@ class RelightOptions:
     def __post_init__(self) -> None:
         _one_of("shadows", self.shadows, ("exact", "adaptive", "table", "off"))
         _one_of("backend", self.backend, ("auto", "numpy", "numba"))
-        _one_of("shading", self.shading, ("exact", "adaptive"))
+        _one_of("shading", self.shading, ("exact", "adaptive", "half"))
         _one_of("precision", self.precision, ("float32", "int16", "int8"))
         _one_of("lattice_px", self.lattice_px, (2, 4))
         _one_of("edge_samples", self.edge_samples, (1, 4, 9, 16))
