@@ -56,7 +56,6 @@ class _Points:
         self.start, self.normal = buffers.point_start, buffers.geometric_normal
         counts = np.diff(self.start)
         self.pixel, self.is_whole = np.repeat(buffers.pixel_of_rank, counts), np.repeat(counts == 1, counts)
-        self.part = np.repeat(1 / np.maximum(counts, 1), counts)  # of its pixel's points
         self.y, self.x = np.divmod(self.pixel, np.int32(self.width))
         if isinstance(view, LazyView):  # which knows without being asked for all it could tell
             ray, rays = view.looked.listed.ray, view.looked.rays

@@ -52,6 +52,7 @@ class Engine:
             self.anchors = self._anchors(options.lattice_px)
         self.shadows = Shadows(scene, model, self.buffers, options, self.anchors)
         self.sites = self.buffers.sites
+        self.num_points = len(self.buffers)  # that a frame evaluates light at
         self.num_readings = 0 if self.sites is None else self.sites.source.size  # of indirect light, in a frame
         starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])
         self._chunk_points = int(np.diff(starts).max(initial=0))

@@ -8,7 +8,7 @@ from relight3d.lights import DirectionalLight, Light
 from relight3d.records import RelightModel
 from relight3d.relight import half_kernels, kernels
 from relight3d.relight.buffers import Sites, pack_view
-from relight3d.relight.engine import Clock, Engine, Result
+from relight3d.relight.engine import NO_SHARE, NO_SOURCE, NO_WEIGHTS, Clock, Engine, Result
 from relight3d.relight.half_lattice import find_half_lattice
 from relight3d.relight.half_shadows import NOWHERE, HalfShadows
 from relight3d.relight.half_view import aligned, pack_items, pack_slots
@@ -22,7 +22,7 @@ from relight3d.tracing import RayScene
 from relight3d.views import View
 
 FAINT = 1e-2  # of white: a highlight that would add less is left out
-TILE = 16 * LANES  # slots that a thread takes at once
+TILE = 2048  # slots that a thread takes at once
 NO_LIGHT = np.zeros((0, 4), np.float32)
 
 
@@ -35,19 +35,22 @@ class HalfEngine(Engine):
         self.anchors, self._rooms = None, {}
         self._last_lobes: tuple[float | None, np.ndarray] = (None, self.buffers.lobes)
         self.lattice = find_half_lattice(view, self.buffers)
-        self.sites = self.buffers.sites
-        self.slots = pack_slots(self.lattice, model, view, self.buffers, options.precision, self.sites)
-        self.items = pack_items(self.lattice, self.buffers, options.precision)
-        self._part_share = self.lattice.share * self.lattice.part[:, None]
+        self.slots = pack_slots(self.lattice, self.buffers)
+        self.items = pack_items(self.lattice, model, model.residual, view, self.buffers, options.precision)
         self.shadows = HalfShadows(scene, model, self.lattice, self.slots, options)
-        if self.sites is not None and model.indirect is not None:
+        at = np.maximum(self.lattice.point, 0)
+        self.sites = self.buffers.sites
+        self._read = (NO_SOURCE, NO_SHARE)
+        if self.sites is not None:
             self._reach_anchors = np.ascontiguousarray(model.indirect.anchors)
             self._planes = (
                 np.ascontiguousarray(self.sites.coefficients.transpose(1, 2, 0)), np.ascontiguousarray(self.sites.ambient.T)
             )  # fmt: skip
-        self.num_readings = self.slots.source.size + self.lattice.num_items
+            self._read = (np.ascontiguousarray(self.sites.source[at]), np.ascontiguousarray(self.sites.share[at]))
+        self.num_points = len(self.lattice.point)
+        self.num_readings = self._read[0].size + self.lattice.num_items
         self._longest = int(np.diff(self.lattice.row_start).max(initial=LANES))
-        self._most_gloss = float(self.slots.gloss.max(initial=0.0))
+        self._most_gloss = float(self.buffers.gloss.max(initial=0.0))
         self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
 
     def render(self, lights: list[Light], effects: list[str] | None = None) -> Result:
@@ -67,11 +70,9 @@ class HalfEngine(Engine):
             clock.lap("thrown")
         at_sites = NO_LIGHT if self.sites is None else self._irradiance(self.sites, lights)
         clock.lap("indirect")
-        has_misses = len(self.view.miss_pixel) > 0
-        given = (np.array(rows, np.float32).reshape(-1, kernels.ROW), far, at_sites, self._residual_weights(lights))
-        out = self._fill(*given, np.float32(-np.inf if has_misses else 0.0))
-        if has_misses:
-            out = np.maximum(out + self._behind_mirrors(lights), 0.0)
+        adds = len(self.view.miss_pixel) > 0
+        out = self._behind_mirrors(lights) if adds else np.empty((self.view.camera.num_pixels, 3), np.float32)
+        self._fill(np.array(rows, np.float32).reshape(-1, kernels.ROW), far, at_sites, self._residual_weights(lights), out)
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
@@ -88,7 +89,6 @@ class HalfEngine(Engine):
         wide = (*shape[:-1], -(-shape[-1] // LANES) * LANES)
         if name not in self._rooms or self._rooms[name].shape != wide:
             self._rooms[name] = aligned(wide)
-            self._rooms[name][...] = 0  # what slots that nobody reads keep
         return self._rooms[name]
 
     def _irradiance(self, sites: Sites, lights: list[Light]) -> np.ndarray:
@@ -104,33 +104,29 @@ class HalfEngine(Engine):
         counting(lambda counter: far_irradiance(counter, TILE, *self._planes, rows, np.empty(TILE, np.float32), out))
         return out
 
-    def _fill(self, rows, far, at_sites, weights, least: np.float32) -> np.ndarray:
+    def _fill(self, rows, far, at_sites, weights, out) -> None:
         lattice, slots, items, num = self.lattice, self.slots, self.items, len(self.lattice.point)
-        camera = self.view.camera
-        out = np.empty((camera.num_pixels, 3), np.float32)
-        flat = out.reshape(-1)
-        lobes, has_lamps = self._bright_lobes(rows), bool((rows[:, kernels.KIND] != kernels.AT_INFINITY).any())
+        has_lamps = bool((rows[:, kernels.KIND] != kernels.AT_INFINITY).any())
         irradiance = self._room("irradiance", (3 if len(at_sites) else 0, num))
-        shine = self._room("shine", (3 if len(lobes) or self.model.residual is not None else 0, num))
+        toward = self._room("toward", (len(rows) if len(self.buffers.lobes) else 0, num))
         ways = self._room("ways", (len(rows) if has_lamps else 0, 4, num))
+        given = (rows, slots.position, slots.viewer, *self._read, at_sites, irradiance, toward, ways)
+        counting(lambda counter: half_kernels.light_slots(counter, TILE, *given))
         distance = far[0][None] if len(far) == 1 else np.array(far, np.float32).reshape(len(rows), num)
-        lit, dark = (slots.lit, weights[0]), (slots.dark, weights[1])
-
-        def light(counter: np.ndarray) -> None:
-            half_kernels.light_lanes(
-                counter, TILE, slots.slot, rows, distance, slots.position, slots.normal, slots.viewer, slots.gloss,
-                slots.surface, self.buffers.lobe_start, lobes, slots.source, slots.share, at_sites, lit, dark,
-                aligned((half_kernels.NUM_LANE_ROWS, TILE)), irradiance, shine, ways,
-            )  # fmt: skip
+        lobes = self._bright_lobes(rows)
+        camera, adds = self.view.camera, len(self.view.miss_pixel) > 0
+        flat = out.reshape(-1)
 
         def fill(counter: np.ndarray) -> None:
             half_kernels.fill(
                 counter, (lattice.columns, lattice.rows), (camera.width, camera.height), lattice.row_start,
-                lattice.loose_start, lattice.corner, lattice.share, self._part_share, lattice.pixel, rows, distance, ways,
-                irradiance, shine, items.normal, items.diffuse, items.steps, lattice.empty_start, lattice.empty, least,
-                aligned((half_kernels.NUM_ITEM_ROWS, self._longest)), flat,
+                lattice.loose_start, lattice.corner, lattice.share, lattice.pixel, rows, distance, ways, toward, irradiance,
+                items.normal, items.diffuse, items.facing, items.viewer, items.surface, items.shining, items.gloss, items.steps,
+                self.buffers.lobe_start, lobes, (items.lit, weights[0]), (items.dark, weights[1]), adds,
+                aligned((half_kernels.NUM_HALF_ROWS, self._longest)),
+                flat,
             )  # fmt: skip
 
-        counting(light)
         counting(fill)
-        return out
+        if adds:
+            np.maximum(out, 0.0, out=out)

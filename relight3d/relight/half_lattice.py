@@ -38,16 +38,13 @@ class HalfLattice:
     later: Int32[np.ndarray, " later"]  # those that cast where the corners of a cell about them disagree
     later_cell: Int32[np.ndarray, "later 2"]  # the cells that each of those lies in
     cell: Int32[np.ndarray, "cell 4"]  # corners, two slots apart: cells whose nine slots are all on one smooth piece
-    is_joined: Bool[np.ndarray, "2 slot"]  # whether the slot to the right, and the one below, is on the same smooth piece
+    is_joined: Bool[np.ndarray, "2 grid"]  # whether the slot to the right, and the one below, is on the same smooth piece
     row_start: Int32[np.ndarray, " row_and_end"]  # the first item of each row of the grid, but the last: a multiple of LANES
     loose_start: Int32[np.ndarray, " row_and_end"]  # the first loose item of each row, counted among loose ones
     corner: Int32[np.ndarray, "loose 4"]  # the slots that a loose item reads
     share: Float32[np.ndarray, "loose 4"]  # adds up to 1
-    part: Float32[np.ndarray, " loose"]  # how many of its pixel's points an item is
     pixel: Int32[np.ndarray, " loose"]  # ascending in a row
     item: Int32[np.ndarray, " member"]  # the item of each point
-    empty_start: Int32[np.ndarray, " row_and_end"]  # the first of each row's pixels without an item
-    empty: Int32[np.ndarray, " empty"]  # those pixels
     num_items: int
 
     @property
@@ -84,14 +81,15 @@ def find_half_lattice(view: View, buffers: Buffers) -> HalfLattice:
     on_grid = np.flatnonzero(point.ravel() >= 0)
     slot_of_point[point.ravel()[on_grid]] = on_grid
     joined = _joined(points, point)
-    point[:-1, -1], point[-1, :-1], point[-1, -1] = point[:-1, -2], point[-2, :-1], point[-2, -2]
+    point[:-1, -1], point[-1] = point[:-1, -2], point[-2]  # to read what does not come from rays
+    point[-1, -1] = point[-2, -2]
 
     lead = _leads(points)
     loose = np.unique(lead[~is_implicit])
     alone = needs_own(corner[loose], points.is_whole[loose])
     slots, shares = _read_slots(corner[loose], share[loose], alone, slot_of_point, point.size)
     everything = np.append(point.ravel(), loose[alone]).astype(np.int32)
-    casting = np.flatnonzero(everything >= 0)
+    casting = np.append(on_grid, point.size + np.arange(alone.sum()))
     at = everything[casting]
     casting = casting[np.lexsort((_along_curve(points.x[at], points.y[at]), points.label[at]))]
     cell, cells_of = _cells(joined.reshape(2, rows, columns), everything.size)
@@ -110,19 +108,10 @@ def find_half_lattice(view: View, buffers: Buffers) -> HalfLattice:
     of_row = np.arange(len(loose)) - loose_start[loose_row]
     item_of_lead[loose] = row_start[loose_row] + PHASES * columns + of_row
     item = np.where(is_implicit, item, item_of_lead[lead]).astype(np.int32)
-    part = np.bincount(item, points.part, int(row_start[-1])).astype(np.float32)[item_of_lead[loose]]
     return HalfLattice(
-        columns, rows, everything, lane, later, cells_of[later], cell, joined, row_start, loose_start, slots, shares, part,
-        points.pixel[loose].astype(np.int32), item, *_empty(points, rows), int(row_start[-1]),
+        columns, rows, everything, lane, later, cells_of[later], cell, joined, row_start, loose_start, slots, shares,
+        points.pixel[loose].astype(np.int32), item, int(row_start[-1]),
     )  # fmt: skip
-
-
-def _empty(points: _Points, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels without a point: the first of each row of the grid, and all of them."""
-    there = np.zeros(points.width * points.height, bool)
-    there[points.pixel] = True
-    empty = np.flatnonzero(~there).astype(np.int32)
-    return np.searchsorted(empty, SPACING * points.width * np.arange(rows)).astype(np.int32), empty
 
 
 def needs_own(corner: Int32[np.ndarray, "loose 4"], is_whole: Bool[np.ndarray, " loose"]) -> Bool[np.ndarray, " loose"]:

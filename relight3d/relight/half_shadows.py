@@ -33,13 +33,15 @@ class HalfShadows:
         self._scene, self._lattice, self._slots, self._options = scene, lattice, slots, options
         self._offset, self._ground = np.float32(scene.offset_distance), ground_of(model.mesh)
         num = len(lattice.point)
-        self._state, self._of_lane = np.zeros(num, np.uint8), np.zeros(len(slots.slot), np.uint8)
+        self._state, self._of_lane = np.zeros(num, np.uint8), np.zeros(len(slots.lane), np.uint8)
         self._of_cell = np.empty(len(lattice.cell), np.uint8)
-        padding = len(slots.slot) - slots.num_first - len(lattice.later)
+        padding = len(slots.lane) - slots.num_first - len(lattice.later)
         self._cells_of = np.concatenate([lattice.later_cell, np.repeat(lattice.later_cell[-1:], padding, axis=0)])
+        self._turn = np.zeros(num, np.int32)
+        self._turn[slots.lane] = np.arange(len(slots.lane), dtype=np.int32)
         self._edges = np.full((2, lattice.num_grid), half_cast_kernels.NO_EDGE, np.float32)
-        geometry = (slots.position, slots.geometric)
-        self._thrown = Thrown(scene, model, *geometry, slots.geometric)
+        geometry = (slots.lane_position, slots.lane_geometric)
+        self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
         self._kept: OrderedDict[tuple, Distance] = OrderedDict()
         self._room = options.keep_lights
         self.rays: dict[str, int] = {}
@@ -80,11 +82,11 @@ class HalfShadows:
 
     def _cast_lanes(self, light: np.ndarray) -> int:
         packets, slots, cells_of = self._scene.packets, self._slots, self._cells_of
-        geometry = (slots.position, slots.geometric)
+        geometry = (slots.lane_position, slots.lane_geometric)
         if packets is None:
             return self._cast_in_steps(light)
         addresses = (packets.occluded, packets.scene, packets.arguments)
-        given = (addresses, light, self._ground, *geometry, self._offset, slots.slot)
+        given = (addresses, light, self._ground, *geometry, self._offset, slots.lane)
         states, num = (self._of_lane, self._state), slots.num_first
         rays = sum(counting(lambda counter: half_cast_kernels.cast_lanes(counter, TILE, num, *given, *states)))
         half_cast_kernels.agree(self._lattice.cell, self._state, self._of_cell)
@@ -94,26 +96,26 @@ class HalfShadows:
     def _cast_in_steps(self, light: np.ndarray) -> int:
         """The same where Embree's packets cannot be had."""
         slots, of_lane, first = self._slots, self._of_lane, self._slots.num_first
-        geometry = (slots.position, slots.geometric)
+        geometry = (slots.lane_position, slots.lane_geometric)
         half_cast_kernels.face_lanes(light, self._ground, *geometry, 0, first, of_lane)
         index = np.flatnonzero(of_lane[:first] == ray_kernels.ASKS).astype(np.int32)
         cast_listed(self._scene, light, *geometry, index, of_lane, np.empty_like(of_lane))
-        self._state[slots.slot[:first]] = of_lane[:first]
+        self._state[slots.lane[:first]] = of_lane[:first]
         half_cast_kernels.agree(self._lattice.cell, self._state, self._of_cell)
         later, ends = np.empty(len(of_lane) + 1, np.int32), (first, len(of_lane))
-        given = (*geometry, *ends, slots.slot, self._cells_of, self._of_cell, of_lane, self._state, later)
+        given = (*geometry, *ends, slots.lane, self._cells_of, self._of_cell, of_lane, self._state, later)
         later = later[: half_cast_kernels.read_cells(light, self._ground, *given)]
         cast_listed(self._scene, light, *geometry, later, of_lane, np.empty_like(of_lane))
-        self._state[slots.slot[later]] = of_lane[later]
+        self._state[slots.lane[later]] = of_lane[later]
         return len(index) + len(later)
 
     def _face(self, light: np.ndarray) -> int:
         """States without a ray: everything that faces the light is lit."""
         slots, of_lane = self._slots, self._of_lane
-        geometry = (slots.position, slots.geometric)
+        geometry = (slots.lane_position, slots.lane_geometric)
         half_cast_kernels.face_lanes(light, self._ground, *geometry, 0, len(of_lane), of_lane)
         of_lane[of_lane == ray_kernels.ASKS] = ray_kernels.LIT
-        self._state[slots.slot] = of_lane
+        self._state[slots.lane] = of_lane
         return len(of_lane)
 
     def _distances(self, light: np.ndarray | None, has_rays: bool) -> tuple[Distance, int]:
@@ -125,7 +127,7 @@ class HalfShadows:
             pairs = np.empty((2 * lattice.num_grid if has_rays else 1, 3), np.int32)
             pairs = pairs[: half_cast_kernels.find_edges(counter, ROWS, lattice.columns, lattice.is_joined, grid, has_rays, edges, pairs)]
             if len(pairs):
-                pairs = pairs[np.argsort(self._slots.lane_of_slot[pairs[:, 0]])]  # neighbours share packets
+                pairs = pairs[np.argsort(self._turn[pairs[:, 0]])]
                 self._place(light, pairs)
             return len(pairs)
 
@@ -136,14 +138,13 @@ class HalfShadows:
 
     def _place(self, light, pairs: Int32[np.ndarray, "pair 3"]) -> None:
         slots = self._slots
-        lanes = np.stack([*slots.lane_of_slot[pairs[:, :2]].T, pairs[:, 2]], axis=1)
-        given = (slots.position, slots.geometric, slots.step[pairs[:, 0]], lanes)
-        half_cast_kernels.write_edges(pairs, place_borders(self._scene, light, *given), self._edges)
+        geometry = (slots.position, slots.geometric, slots.step[pairs[:, 0]])
+        half_cast_kernels.write_edges(pairs, place_borders(self._scene, light, *geometry, pairs), self._edges)
 
     def _cast_thrown(self, light: Light, virtual: Float32[np.ndarray, "1 row"], mirror_index: int) -> Distance:
         seen, num = self._thrown.cast(light, virtual, mirror_index)
         self.rays["thrown"] += num
         if not seen.any():
             return NOWHERE
-        self._state[self._slots.slot] = np.where(seen > 0, np.uint8(ray_kernels.LIT), np.uint8(ray_kernels.AWAY))
+        self._state[self._slots.lane] = np.where(seen > 0, np.uint8(ray_kernels.LIT), np.uint8(ray_kernels.AWAY))
         return self._distances(None, False)[0]

@@ -12,7 +12,7 @@ from numba.np.arrayobj import make_array
 
 from relight3d.packets import ORIGIN, WIDTH
 
-WORD, INDEX, FLOAT, BYTE = ir.IntType(64), ir.IntType(32), ir.FloatType(), ir.IntType(8)
+WORD, INDEX, FLOAT, BYTE, SHORT = ir.IntType(64), ir.IntType(32), ir.FloatType(), ir.IntType(8), ir.IntType(16)
 PACKET, MARKS, COLORS = ir.VectorType(FLOAT, WIDTH), ir.VectorType(BYTE, WIDTH), ir.VectorType(FLOAT, 4)
 FUSED = ("contract",)  # one rounding, as in kernels.fused
 
@@ -123,6 +123,33 @@ def face_packet(_typing, geometric, first, x, y, z, active):
 
     number = types.float32
     return types.intp(geometric, types.intp, number, number, number, active), generate
+
+
+@intrinsic
+def shines(_typing, along, across, surface, form, first, num, aside, ahead, dark, which):
+    """Whether aside * across + ahead * along is above `dark` at one of the `num` items (whole packets) from `first` on that
+    are of surface `which` and have a form above 0.
+    """
+
+    def generate(context, builder, signature, given):
+        kinds, first = signature.args, given[4]
+        aside, ahead, dark = (_all(builder, given[k], PACKET) for k in (6, 7, 8))
+        which = _all(builder, builder.trunc(given[9], SHORT), ir.VectorType(SHORT, WIDTH))
+        marks = ir.VectorType(ir.IntType(1), WIDTH)
+        found = cgutils.alloca_once_value(builder, ir.Constant(marks, [0] * WIDTH))
+        with cgutils.for_range_slice(builder, WORD(0), given[5], WORD(WIDTH)) as (step, _):
+            at = builder.add(first, step)
+            x, y, form = (_load(builder, _place(context, builder, kinds[k], given[k], at), PACKET) for k in (0, 1, 3))
+            of = _load(builder, _place(context, builder, kinds[2], given[2], at), ir.VectorType(SHORT, WIDTH))
+            base = builder.fadd(builder.fmul(aside, y, flags=FUSED), builder.fmul(ahead, x, flags=FUSED), flags=FUSED)
+            bright = builder.and_(builder.fcmp_ordered(">", base, dark), builder.icmp_signed("==", of, which))
+            bright = builder.and_(bright, builder.fcmp_ordered(">", form, ir.Constant(PACKET, [0.0] * WIDTH)))
+            builder.store(builder.or_(builder.load(found), bright), found)
+        bits = builder.bitcast(builder.load(found), ir.IntType(WIDTH))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(WIDTH), 0))
+
+    number = types.float32
+    return types.boolean(along, across, surface, form, types.intp, types.intp, number, number, number, types.int32), generate
 
 
 @intrinsic

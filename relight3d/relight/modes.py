@@ -132,12 +132,8 @@ def read_shares(
     return source, share
 
 
-def in_blocks(
-    modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"], faint: float = FAINT
-) -> Rows:
-    """modes[rows] by blocks; rows below 0 and the padding are zero. What is below 1 / loudness cannot be seen; in int8,
-    what is below `faint` of white has no row.
-    """
+def in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"]) -> Rows:
+    """modes[rows] by blocks; rows below 0 and the padding are zero. What is below 1 / loudness cannot be seen."""
     num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
     parts: list[tuple[np.ndarray, ...]] = []
     for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
@@ -149,7 +145,7 @@ def in_blocks(
         if precision == "int16":
             parts.append(_quantised(blocks, loudness))
         elif precision == "int8":
-            parts.append(_rounded(blocks, loudness, faint))
+            parts.append(_rounded(blocks, loudness))
         else:
             steps, kept = np.ones((count, num_modes), np.float32), np.ones((count, num_modes), bool)
             parts.append((blocks[kept], steps[kept], np.nonzero(kept)[1], kept.sum(axis=1)))
@@ -172,10 +168,10 @@ def _quantised(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np
     return both[kept], steps[kept], np.nonzero(kept)[1] % max(num_modes, 1), kept.sum(axis=1)
 
 
-def _rounded(blocks: np.ndarray, loudness: np.ndarray, faint: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _rounded(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The same in int8, in steps of 1/127 of a mode's peak in the block; faint modes have no row."""
     peak = np.abs(blocks).max(axis=2)
     step = np.maximum(peak, np.float32(1e-30)) / np.float32(127)
     entries = np.rint(blocks / step[..., None]).astype(np.int8)
-    kept = peak * loudness * UNSEEN > faint
+    kept = peak * loudness * UNSEEN > FAINT
     return entries[kept], step[kept], np.nonzero(kept)[1], kept.sum(axis=1)

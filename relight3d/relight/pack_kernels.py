@@ -69,15 +69,19 @@ def read_faces(first, last, order, face, faces, source):
 
 
 @compiled
-def blend_modes(first, last, begin, source, share, modes, out):
-    """The modes of points begin + first to begin + last, by the captured points that they read."""
+def blend_modes(first, last, begin, start, member, source, share, modes, out):
+    """The modes of items begin + first to begin + last: of their points, members start[item] to start[item + 1], by the
+    captured points that these read.
+    """
     for i in range(first, last):
         for m in range(modes.shape[1]):
             for c in range(3):
                 out[i, m, c] = ZERO
-        for k in range(source.shape[1]):
-            part, row = share[begin + i, k], source[begin + i, k]
-            if part != 0:
-                for m in range(modes.shape[1]):
-                    for c in range(3):
-                        out[i, m, c] += part * modes[row, m, c]
+        for k in range(start[begin + i], start[begin + i + 1]):
+            p = member[k]
+            for s in range(source.shape[1]):
+                part, row = share[p, s], source[p, s]
+                if part != 0:
+                    for m in range(modes.shape[1]):
+                        for c in range(3):
+                            out[i, m, c] += part * modes[row, m, c]

@@ -11,7 +11,8 @@ from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import pixel_kernels
 from relight3d.relight.anchors import Anchors, cell_shares, find_anchors, spread_values
-from relight3d.relight.fill_engine import FAINT, anchor_sites
+from relight3d.relight.fill_engine import anchor_sites
+from relight3d.relight.highlights import FAINT
 from relight3d.relight.kernels import FULL
 from relight3d.relight.options import PRESETS, RelightOptions
 from relight3d.relight.relighter import Relighter
