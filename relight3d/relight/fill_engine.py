@@ -57,6 +57,7 @@ class FillEngine(Engine):
 
         counting(fill)
 
+
 def anchor_sites(anchors: Anchors, sites: Sites, buffers: Buffers) -> Sites:
     """Indirect light kept at the anchors themselves, blended there from the sites that they read."""
     at = anchors.point

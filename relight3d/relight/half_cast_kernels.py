@@ -55,8 +55,9 @@ def _aim(light, position, offset, first, rays):
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def cast_lanes(counter, size, num, packets, light, ground, position, geometric, offset, slot, of_lane, state):
-    """Tiles of `size` of the first `num` lanes, as long as there are any: a ray from each that asks; what came of it, by slot, in `state`.
+    """Tiles of `size` of the first `num` lanes, as long as there are any: a ray from each that asks.
 
+    What came of it stands in `state`, by slot.
     `position` and `geometric` are of lanes, which come in whole packets. Returns the number of rays.
     """
     words, rays, active = empty_packet(NUM_RAY_ROWS)
@@ -124,7 +125,9 @@ def read_cells(light, ground, position, geometric, first, last, slot, cells_of, 
 
 
 @numba.njit(nogil=True, cache=True)
-def cast_later(counter, size, packets, light, ground, position, geometric, offset, slot, cells_of, of_cell, of_lane, state):
+def cast_later(
+    counter, size, packets, light, ground, position, geometric, offset, slot, cells_of, of_cell, of_lane, state
+):
     """cast_lanes for those that a cell may spare: the last lanes, tile by tile."""
     before, num, count = len(slot) - len(cells_of), len(slot), 0
     index, unused = np.empty(size, np.int32), np.empty(num, np.uint8)
@@ -134,7 +137,9 @@ def cast_later(counter, size, packets, light, ground, position, geometric, offse
             return count
         last = min(first + size, num)
         asking = index[
-            : read_cells(light, ground, position, geometric, first, last, slot, cells_of, of_cell, of_lane, state, index)
+            : read_cells(
+                light, ground, position, geometric, first, last, slot, cells_of, of_cell, of_lane, state, index
+            )
         ]
         cast_listed(packets, light, position, geometric, offset, asking, of_lane, unused)
         for i in asking:
@@ -158,7 +163,12 @@ def find_edges(counter, num_rows, columns, is_joined, state, has_rays, edges, pa
         for axis in range(2):
             step = columns if axis else 1
             end = min(last, last_row * columns - step)
-            mine, other, joined, edge = state[first:end], state[first + step :], is_joined[axis, first:], edges[axis, first:]
+            mine, other, joined, edge = (
+                state[first:end],
+                state[first + step :],
+                is_joined[axis, first:],
+                edges[axis, first:],
+            )
             num = 0
             for i in range(len(mine)):
                 differs = joined[i] & ((mine[i] == LIT) != (other[i] == LIT))
@@ -198,13 +208,20 @@ def edge_distances(counter, columns, rows, state, edges, distance):
         if row >= rows:
             break
         first = min(row, rows - 2) * columns
-        right, below, out = edges[0, first : first + columns], edges[1, first : first + columns], distance[row * columns :]
+        right, below, out = (
+            edges[0, first : first + columns],
+            edges[1, first : first + columns],
+            distance[row * columns :],
+        )
         above = edges[1, max(first - columns, 0) : max(first - columns, 0) + columns]
         has_above, mine = first > 0, state[first : first + columns]
         for i in range(columns):
             left = right[i - 1] if i > 0 else NO_EDGE
             up = above[i] if has_above else NO_EDGE
-            x, y = min(right[i], SPACING - left if left < SPACING else NO_EDGE), min(below[i], SPACING - up if up < SPACING else NO_EDGE)
+            x, y = (
+                min(right[i], SPACING - left if left < SPACING else NO_EDGE),
+                min(below[i], SPACING - up if up < SPACING else NO_EDGE),
+            )
             near = min(ONE / np.float32(math.sqrt(ONE / (x * x) + ONE / (y * y))), SPACING)
             out[i] = near if mine[i] == LIT else -near
         out[columns - 1] = out[columns - 2]

@@ -8,9 +8,10 @@ from relight3d.lights import DirectionalLight, Light
 from relight3d.records import RelightModel
 from relight3d.relight import half_kernels, kernels
 from relight3d.relight.buffers import Sites, pack_view
-from relight3d.relight.engine import NO_SHARE, NO_SOURCE, NO_WEIGHTS, Clock, Engine, Result
+from relight3d.relight.engine import NO_SHARE, NO_SOURCE, Clock, Engine, Result
 from relight3d.relight.half_lattice import find_half_lattice
 from relight3d.relight.half_shadows import NOWHERE, HalfShadows
+from relight3d.relight.half_shine_kernels import NUM_HALF_ROWS
 from relight3d.relight.half_view import aligned, pack_items, pack_slots
 from relight3d.relight.highlights import bright_lobes
 from relight3d.relight.indirect_kernels import far_functions, far_irradiance
@@ -41,14 +42,14 @@ class HalfEngine(Engine):
         at = np.maximum(self.lattice.point, 0)
         self.sites = self.buffers.sites
         self._read = (NO_SOURCE, NO_SHARE)
-        if self.sites is not None:
+        if self.sites is not None and model.indirect is not None:
             self._reach_anchors = np.ascontiguousarray(model.indirect.anchors)
             self._planes = (
                 np.ascontiguousarray(self.sites.coefficients.transpose(1, 2, 0)), np.ascontiguousarray(self.sites.ambient.T)
             )  # fmt: skip
             self._read = (np.ascontiguousarray(self.sites.source[at]), np.ascontiguousarray(self.sites.share[at]))
         self.num_points = len(self.lattice.point)
-        self.num_readings = self._read[0].size + self.lattice.num_items
+        self.num_readings = self._read[0].size + self.lattice.corner.size
         self._longest = int(np.diff(self.lattice.row_start).max(initial=LANES))
         self._most_gloss = float(self.buffers.gloss.max(initial=0.0))
         self._thrown = [k for k, mirror in enumerate(model.mirrors) if mirror.throws_light]
@@ -72,13 +73,19 @@ class HalfEngine(Engine):
         clock.lap("indirect")
         adds = len(self.view.miss_pixel) > 0
         out = self._behind_mirrors(lights) if adds else np.empty((self.view.camera.num_pixels, 3), np.float32)
-        self._fill(np.array(rows, np.float32).reshape(-1, kernels.ROW), far, at_sites, self._residual_weights(lights), out)
+        self._fill(
+            np.array(rows, np.float32).reshape(-1, kernels.ROW), far, at_sites, self._residual_weights(lights), out
+        )
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
     def _bright_lobes(self, rows: np.ndarray) -> np.ndarray:
         """The last ones where lights at infinity did but turn."""
-        key = None if (rows[:, kernels.KIND] != kernels.AT_INFINITY).any() else float(rows[:, kernels.COLOR :][:, :3].max(initial=0))
+        key = (
+            None
+            if (rows[:, kernels.KIND] != kernels.AT_INFINITY).any()
+            else float(rows[:, kernels.COLOR :][:, :3].max(initial=0))
+        )
         if key is None or key != self._last_lobes[0]:
             most, radius = self._most_gloss * self.model.exposure, self.model.mesh.radius
             self._last_lobes = (key, bright_lobes(self.buffers.lobes, rows, most, radius, FAINT))
@@ -95,10 +102,12 @@ class HalfEngine(Engine):
         """Engine._irradiance, in vector registers where all lights are at infinity."""
         indirect = self.model.indirect
         assert indirect is not None
-        if sites.to_basis is None or not all(isinstance(light, DirectionalLight) for light in lights):
+        far = [light for light in lights if isinstance(light, DirectionalLight)]
+        if sites.to_basis is None or len(far) < len(lights):
             return super()._irradiance(sites, lights)
         rows, out = np.zeros((len(sites.to_basis), 3), np.float32), np.empty((len(sites.ambient), 4), np.float32)
-        ways, colors = (np.array(each, np.float64).reshape(-1, 3) for each in zip(*[(e.to_light, e.power) for e in lights])) if lights else (np.zeros((0, 3)),) * 2
+        ways = np.array([light.to_light for light in far], np.float64).reshape(-1, 3)
+        colors = np.array([light.power for light in far], np.float64).reshape(-1, 3)
         reach = (self._reach_anchors, float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
         far_functions(ways, colors, *reach, sites.to_basis, np.empty(20), rows)
         counting(lambda counter: far_irradiance(counter, TILE, *self._planes, rows, np.empty(TILE, np.float32), out))
@@ -110,8 +119,13 @@ class HalfEngine(Engine):
         irradiance = self._room("irradiance", (3 if len(at_sites) else 0, num))
         toward = self._room("toward", (len(rows) if len(self.buffers.lobes) else 0, num))
         ways = self._room("ways", (len(rows) if has_lamps else 0, 4, num))
-        given = (rows, slots.position, slots.viewer, *self._read, at_sites, irradiance, toward, ways)
-        counting(lambda counter: half_kernels.light_slots(counter, TILE, *given))
+        source, share = self._read
+
+        def light(counter: np.ndarray) -> None:
+            given = (rows, slots.position, slots.viewer, source, share, at_sites)
+            half_kernels.light_slots(counter, TILE, *given, irradiance, toward, ways)
+
+        counting(light)
         distance = far[0][None] if len(far) == 1 else np.array(far, np.float32).reshape(len(rows), num)
         lobes = self._bright_lobes(rows)
         camera, adds = self.view.camera, len(self.view.miss_pixel) > 0
@@ -121,10 +135,9 @@ class HalfEngine(Engine):
             half_kernels.fill(
                 counter, (lattice.columns, lattice.rows), (camera.width, camera.height), lattice.row_start,
                 lattice.loose_start, lattice.corner, lattice.share, lattice.pixel, rows, distance, ways, toward, irradiance,
-                items.normal, items.diffuse, items.facing, items.viewer, items.surface, items.shining, items.gloss, items.steps,
-                self.buffers.lobe_start, lobes, (items.lit, weights[0]), (items.dark, weights[1]), adds,
-                aligned((half_kernels.NUM_HALF_ROWS, self._longest)),
-                flat,
+                items.normal, items.diffuse, items.facing, items.viewer, items.surface, items.shining, items.gloss,
+                items.steps, self.buffers.lobe_start, lobes, (items.lit, weights[0]), (items.dark, weights[1]), adds,
+                aligned((NUM_HALF_ROWS, self._longest)), flat,
             )  # fmt: skip
 
         counting(fill)

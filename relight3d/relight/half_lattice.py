@@ -38,8 +38,12 @@ class HalfLattice:
     later: Int32[np.ndarray, " later"]  # those that cast where the corners of a cell about them disagree
     later_cell: Int32[np.ndarray, "later 2"]  # the cells that each of those lies in
     cell: Int32[np.ndarray, "cell 4"]  # corners, two slots apart: cells whose nine slots are all on one smooth piece
-    is_joined: Bool[np.ndarray, "2 grid"]  # whether the slot to the right, and the one below, is on the same smooth piece
-    row_start: Int32[np.ndarray, " row_and_end"]  # the first item of each row of the grid, but the last: a multiple of LANES
+    is_joined: Bool[
+        np.ndarray, "2 grid"
+    ]  # whether the slot to the right, and the one below, is on the same smooth piece
+    row_start: Int32[
+        np.ndarray, " row_and_end"
+    ]  # the first item of each row of the grid, but the last: a multiple of LANES
     loose_start: Int32[np.ndarray, " row_and_end"]  # the first loose item of each row, counted among loose ones
     corner: Int32[np.ndarray, "loose 4"]  # the slots that a loose item reads
     share: Float32[np.ndarray, "loose 4"]  # adds up to 1

@@ -10,12 +10,12 @@ from relight3d.records import RelightModel
 from relight3d.relight import half_cast_kernels, ray_kernels
 from relight3d.relight.casting import cast_listed, place_borders
 from relight3d.relight.ground import ground_of
-from relight3d.relight.half_lattice import SPACING, HalfLattice
+from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.half_view import Slots, aligned
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.thrown import Thrown
-from relight3d.relight.tiles import counters, counting, tiles
+from relight3d.relight.tiles import counters, counting
 from relight3d.tracing import RayScene, over_threads
 
 TILE, ROWS = 1024, 8  # lanes, and rows of the grid, that a thread takes at once
@@ -90,8 +90,10 @@ class HalfShadows:
         states, num = (self._of_lane, self._state), slots.num_first
         rays = sum(counting(lambda counter: half_cast_kernels.cast_lanes(counter, TILE, num, *given, *states)))
         half_cast_kernels.agree(self._lattice.cell, self._state, self._of_cell)
-        given = (*given, cells_of, self._of_cell, *states)
-        return rays + sum(counting(lambda counter: half_cast_kernels.cast_later(counter, TILE, *given)))
+        of_cells = (cells_of, self._of_cell)
+        return rays + sum(
+            counting(lambda counter: half_cast_kernels.cast_later(counter, TILE, *given, *of_cells, *states))
+        )
 
     def _cast_in_steps(self, light: np.ndarray) -> int:
         """The same where Embree's packets cannot be had."""
@@ -125,7 +127,11 @@ class HalfShadows:
 
         def place(counter: np.ndarray) -> int:
             pairs = np.empty((2 * lattice.num_grid if has_rays else 1, 3), np.int32)
-            pairs = pairs[: half_cast_kernels.find_edges(counter, ROWS, lattice.columns, lattice.is_joined, grid, has_rays, edges, pairs)]
+            pairs = pairs[
+                : half_cast_kernels.find_edges(
+                    counter, ROWS, lattice.columns, lattice.is_joined, grid, has_rays, edges, pairs
+                )
+            ]
             if len(pairs):
                 pairs = pairs[np.argsort(self._turn[pairs[:, 0]])]
                 self._place(light, pairs)

@@ -113,7 +113,7 @@ def pack_items(
     planes, steps = _in_steps([normal, summed(buffers.diffuse), gloss, facing], precision)
     planes, surface = [_on_line(plane) for plane in planes], _on_line(surface)
     lit, dark = (rows._replace(entries=_on_line(rows.entries)) for rows in (lit, dark))
-    return Items(*planes, steps, viewer, surface, shining, lit, dark)
+    return Items(planes[0], planes[1], planes[2], planes[3], steps, viewer, surface, shining, lit, dark)
 
 
 def _in_steps(planes: list[np.ndarray], precision: str) -> tuple[list[np.ndarray], Float32[np.ndarray, "8"]]:
@@ -152,7 +152,9 @@ def _modes(
             last = min(first + PART, lattice.num_items)
             at_items = np.empty((last - first, modes.shape[1], 3), np.float32)
 
-            def blend(part: slice, first: int = first, at_items: np.ndarray = at_items, modes: np.ndarray = modes) -> None:
+            def blend(
+                part: slice, first: int = first, at_items: np.ndarray = at_items, modes: np.ndarray = modes
+            ) -> None:
                 blend_modes(part.start, part.stop, first, start, member, source, share, modes, at_items)
 
             over_threads(blend, tiles(last - first))

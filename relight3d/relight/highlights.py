@@ -10,7 +10,11 @@ EXPONENT, DARK = 6, 11  # columns of a lobe's row, buffers.pack_view
 
 
 def bright_lobes(
-    lobes: Float32[np.ndarray, "lobe 12"], rows: Float32[np.ndarray, "light row"], most: float, radius: float, faint: float = FAINT
+    lobes: Float32[np.ndarray, "lobe 12"],
+    rows: Float32[np.ndarray, "light row"],
+    most: float,
+    radius: float,
+    faint: float = FAINT,
 ) -> Float32[np.ndarray, "lobe 12"]:
     """The lobes with the base below which each is too faint to be seen under the lights.
 

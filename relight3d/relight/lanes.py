@@ -106,7 +106,7 @@ def blend_colors(_typing, source, share, point, table, column, out, row, lane):
 
 @intrinsic
 def face_packet(_typing, geometric, first, x, y, z, active):
-    """active[lane] = -1 where the point first + lane faces the direction, by its geometric normal, else 0. Returns how many."""
+    """active[lane] = -1 where the point first + lane faces the direction, by its geometric normal, else 0; how many do."""
 
     def generate(context, builder, signature, given):
         planes = (signature.args[0], given[0])
@@ -149,7 +149,9 @@ def shines(_typing, along, across, surface, form, first, num, aside, ahead, dark
         return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(WIDTH), 0))
 
     number = types.float32
-    return types.boolean(along, across, surface, form, types.intp, types.intp, number, number, number, types.int32), generate
+    return types.boolean(
+        along, across, surface, form, types.intp, types.intp, number, number, number, types.int32
+    ), generate
 
 
 @intrinsic
@@ -169,14 +171,18 @@ def add_rows(_typing, entries, step, mode, first, last, weights, light, colors, 
             sums = [cgutils.alloca_once_value(builder, ir.Constant(PACKET, [0.0] * WIDTH)) for _ in range(group)]
             with cgutils.for_range(builder, count) as loop:
                 r = builder.add(first, loop.index)
-                which = builder.load(builder.bitcast(_place(context, builder, kinds[2], given[2], r), INDEX.as_pointer()))
+                which = builder.load(
+                    builder.bitcast(_place(context, builder, kinds[2], given[2], r), INDEX.as_pointer())
+                )
                 weight = _place(context, builder, kinds[5], given[5], light, builder.sext(which, WORD))
                 scale = _place(context, builder, kinds[1], given[1], r)
                 weight, scale = (builder.load(builder.bitcast(p, FLOAT.as_pointer())) for p in (weight, scale))
                 factor = _all(builder, builder.fmul(weight, scale), PACKET)
                 for v in range(group):
                     at = WORD(c * group * WIDTH + v * WIDTH)
-                    values = _load(builder, _place(context, builder, kinds[0], given[0], r, at), ir.VectorType(element, WIDTH))
+                    values = _load(
+                        builder, _place(context, builder, kinds[0], given[0], r, at), ir.VectorType(element, WIDTH)
+                    )
                     if size < 4:
                         values = builder.sitofp(values, PACKET)
                     more = builder.fmul(factor, values, flags=FUSED)
@@ -185,7 +191,9 @@ def add_rows(_typing, entries, step, mode, first, last, weights, light, colors, 
             color = _all(builder, builder.load(builder.bitcast(color, FLOAT.as_pointer())), PACKET)
             for v in range(group):
                 at = builder.add(lane, WORD(v * WIDTH))
-                share = builder.fmul(color, _load(builder, _place(context, builder, kinds[9], given[9], at), PACKET), flags=FUSED)
+                share = builder.fmul(
+                    color, _load(builder, _place(context, builder, kinds[9], given[9], at), PACKET), flags=FUSED
+                )
                 place = _place(context, builder, kinds[10], given[10], builder.add(row, WORD(c)), at)
                 more = builder.fmul(share, builder.load(sums[v]), flags=FUSED)
                 _store(builder, builder.fadd(_load(builder, place, PACKET), more, flags=FUSED), place)

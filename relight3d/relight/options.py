@@ -69,7 +69,7 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 BALANCED = RelightOptions(shadows="adaptive", lattice_px=4, shading="adaptive", precision="int8")
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(shading="half", precision="int8", max_modes=4),
+    "fast": RelightOptions(shading="half", precision="int8", max_modes=8),
     "balanced": BALANCED,
     "exact": RelightOptions(),
 }

@@ -19,7 +19,9 @@ Planes = Float32[np.ndarray, "3 point"]
 class Thrown:
     """shading.cast_thrown for one set of points."""
 
-    def __init__(self, scene: RayScene, model: RelightModel, position: Planes, geometric: Planes, normal: Planes) -> None:
+    def __init__(
+        self, scene: RayScene, model: RelightModel, position: Planes, geometric: Planes, normal: Planes
+    ) -> None:
         self._scene, self._model, self._planes = scene, model, (position, geometric, normal)
         self._offset, self._ground = np.float32(scene.offset_distance), ground_of(model.mesh)
 

@@ -3,9 +3,19 @@
 import numba
 import numpy as np
 
-from relight3d.packets import DIRECTION, FAR, HIT_PRIMITIVE, NEVER, NUM_HIT_ROWS, NUM_RAY_ROWS, ORIGIN, WIDTH, call_query, empty_packet
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE, inlined, take
-from relight3d.relight.kernels import incident
+from relight3d.packets import (
+    DIRECTION,
+    FAR,
+    HIT_PRIMITIVE,
+    NEVER,
+    NUM_HIT_ROWS,
+    NUM_RAY_ROWS,
+    ORIGIN,
+    WIDTH,
+    call_query,
+    empty_packet,
+)
+from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, incident, inlined, take
 from relight3d.relight.ray_kernels import ask_thrown
 
 ENOUGH = 1e-3  # of the way to the mirror: how far off it a ray may meet it (shading.cast_thrown)
@@ -38,7 +48,11 @@ def cast_thrown(
     words, rays, _ = empty_packet(NUM_RAY_ROWS)
     num, total = position.shape[1], 0
     is_near, index, through = np.empty(num, np.bool_), np.empty(size, np.int32), np.empty(size, np.int32)
-    origins, ways, crossings = (np.empty((size, 3), np.float32), np.empty((size, 3), np.float32), np.empty((size, 3), np.float32))
+    origins, ways, crossings = (
+        np.empty((size, 3), np.float32),
+        np.empty((size, 3), np.float32),
+        np.empty((size, 3), np.float32),
+    )
     reach = np.empty(size, np.float32)
     while True:
         first = take(counter) * size  # pyright: ignore[reportCallIssue]
@@ -57,7 +71,10 @@ def cast_thrown(
             for lane in range(WIDTH):
                 ray = start + min(lane, count - 1)
                 for axis in range(3):
-                    hit_rays[ORIGIN + axis, lane], hit_rays[DIRECTION + axis, lane] = origins[ray, axis], ways[ray, axis]
+                    hit_rays[ORIGIN + axis, lane], hit_rays[DIRECTION + axis, lane] = (
+                        origins[ray, axis],
+                        ways[ray, axis],
+                    )
                 hit_rays[FAR, lane], active[lane] = NEVER, -1 if lane < count else 0
             hit_words[NUM_RAY_ROWS:] = -1
             call_query(intersect, active.ctypes.data, scene, hit_words.ctypes.data, arguments)  # pyright: ignore[reportCallIssue]

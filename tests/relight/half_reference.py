@@ -58,7 +58,11 @@ class HalfReference:
         pixel = np.full(self.lattice.num_items, -1)
         pixel[self.lattice.item] = view.points.pixel[self.order]
         np.add.at(picture, pixel[pixel >= 0], out[pixel >= 0])
-        np.add.at(picture, view.miss_pixel, (background_radiance(*given) + dark_residual(*given)) * view.miss_throughput[:, None])
+        np.add.at(
+            picture,
+            view.miss_pixel,
+            (background_radiance(*given) + dark_residual(*given)) * view.miss_throughput[:, None],
+        )
         return np.maximum(picture, 0.0).reshape(camera.height, camera.width, 3)
 
     # ----------------------------------------------------------------------------------------- readings
@@ -194,7 +198,9 @@ class HalfReference:
         source, share = residual_source(model, view)
         part = 1 / np.bincount(view.points.pixel)[view.points.pixel]
         out = []
-        for modes, weights in zip((residual.lit_modes, residual.dark_modes), residual_kernel(residual, light, softening)):
+        for modes, weights in zip(
+            (residual.lit_modes, residual.dark_modes), residual_kernel(residual, light, softening)
+        ):
             at_captured = np.einsum("pmc,m->pc", modes, weights)
             at_points = np.einsum("pk,pkc->pc", share, at_captured[np.maximum(source, 0)])
             out.append(self.summed(at_points * part[:, None]))

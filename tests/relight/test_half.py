@@ -101,7 +101,14 @@ def test_a_frame_equals_its_reference(lights: list[Light], captured: bool) -> No
 @pytest.mark.usefixtures("no_threshold")
 @pytest.mark.parametrize(
     "changes",
-    [{"borders": False}, {"shadows": "off"}, {"edge_samples": 1}, {"residual": False}, {"max_lobes": 0}, {"indirect": False}],
+    [
+        {"borders": False},
+        {"shadows": "off"},
+        {"edge_samples": 1},
+        {"residual": False},
+        {"max_lobes": 0},
+        {"indirect": False},
+    ],
     ids=str,
 )
 def test_options_change_it_alike(changes: dict) -> None:
@@ -112,11 +119,12 @@ def test_options_change_it_alike(changes: dict) -> None:
     assert worst_difference(got, wanted, 1 / model.exposure) < RELATIVE
 
 
-@pytest.mark.parametrize("precision", ["int16", "int8"])
-def test_steps_of_planes_are_small(precision: str) -> None:
+@pytest.mark.parametrize(("precision", "at_most"), [("int16", 0.01), ("int8", 0.15)])
+def test_steps_of_planes_are_small(precision: str, at_most: float) -> None:
+    """The residual of this model is noise, which eight bits hold least well."""
     model = models.full()
     fine, coarse = (half(model, precision=p).render([models.SUN]).radiance for p in ("float32", precision))
-    assert 0 < worst_difference(coarse, fine, 1 / model.exposure) < 0.05
+    assert 0 < worst_difference(coarse, fine, 1 / model.exposure) < at_most
 
 
 def test_it_is_near_the_exact_frame() -> None:
