@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight3d.lights import DirectionalLight, Light
+from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import half_kernels, kernels
-from relight3d.relight.buffers import Sites, pack_view
+from relight3d.relight.buffers import pack_view
 from relight3d.relight.engine import NO_SHARE, NO_SOURCE, Clock, Engine, Result
 from relight3d.relight.half_lattice import find_half_lattice
 from relight3d.relight.half_shadows import NOWHERE, HalfShadows
 from relight3d.relight.half_shine_kernels import NUM_HALF_ROWS
 from relight3d.relight.half_view import aligned, pack_items, pack_slots
 from relight3d.relight.highlights import bright_lobes
-from relight3d.relight.indirect_kernels import far_functions, far_irradiance
 from relight3d.relight.light_rows import light_row
 from relight3d.relight.modes import LANES
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.site_light import SiteLight
 from relight3d.relight.tiles import counting
 from relight3d.tracing import RayScene
 from relight3d.views import View
@@ -34,6 +34,7 @@ class HalfEngine(Engine):
         self.model, self.view, self.options = model, view, options
         self.buffers = pack_view(replace(model, residual=None), view)  # items have the residual
         self.anchors, self._rooms = None, {}
+        self.site_light = None if model.indirect is None else SiteLight(model.indirect)
         self._last_lobes: tuple[float | None, np.ndarray] = (None, self.buffers.lobes)
         self.lattice = find_half_lattice(view, self.buffers)
         self.slots = pack_slots(self.lattice, self.buffers)
@@ -42,11 +43,7 @@ class HalfEngine(Engine):
         at = np.maximum(self.lattice.point, 0)
         self.sites = self.buffers.sites
         self._read = (NO_SOURCE, NO_SHARE)
-        if self.sites is not None and model.indirect is not None:
-            self._reach_anchors = np.ascontiguousarray(model.indirect.anchors)
-            self._planes = (
-                np.ascontiguousarray(self.sites.coefficients.transpose(1, 2, 0)), np.ascontiguousarray(self.sites.ambient.T)
-            )  # fmt: skip
+        if self.sites is not None:
             self._read = (np.ascontiguousarray(self.sites.source[at]), np.ascontiguousarray(self.sites.share[at]))
         self.num_points = len(self.lattice.point)
         self.num_readings = self._read[0].size + self.lattice.corner.size
@@ -97,21 +94,6 @@ class HalfEngine(Engine):
         if name not in self._rooms or self._rooms[name].shape != wide:
             self._rooms[name] = aligned(wide)
         return self._rooms[name]
-
-    def _irradiance(self, sites: Sites, lights: list[Light]) -> np.ndarray:
-        """Engine._irradiance, in vector registers where all lights are at infinity."""
-        indirect = self.model.indirect
-        assert indirect is not None
-        far = [light for light in lights if isinstance(light, DirectionalLight)]
-        if sites.to_basis is None or len(far) < len(lights):
-            return super()._irradiance(sites, lights)
-        rows, out = np.zeros((len(sites.to_basis), 3), np.float32), np.empty((len(sites.ambient), 4), np.float32)
-        ways = np.array([light.to_light for light in far], np.float64).reshape(-1, 3)
-        colors = np.array([light.power for light in far], np.float64).reshape(-1, 3)
-        reach = (self._reach_anchors, float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
-        far_functions(ways, colors, *reach, sites.to_basis, np.empty(20), rows)
-        counting(lambda counter: far_irradiance(counter, TILE, *self._planes, rows, np.empty(TILE, np.float32), out))
-        return out
 
     def _fill(self, rows, far, at_sites, weights, out) -> None:
         lattice, slots, items, num = self.lattice, self.slots, self.items, len(self.lattice.point)
