@@ -4,22 +4,21 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 
 from relight3d.forward import background_radiance, dark_residual
 from relight3d.lights import DirectionalLight, Light
-from relight3d.maths.light_basis import evaluate_basis, within_reach
-from relight3d.records import RelightModel
+from relight3d.records import RelightModel, Residual
 from relight3d.relight import kernels, pixel_kernels
 from relight3d.relight.anchors import Anchors, find_anchors
 from relight3d.relight.buffers import Sites, pack_view
-from relight3d.relight.indirect_kernels import site_irradiance
 from relight3d.relight.light_rows import light_row
 from relight3d.relight.lobe_kernels import NUM_ROWS
 from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.shade_kernels import NUM_IMAGE_COLUMNS
 from relight3d.relight.shadows import Shadows
+from relight3d.relight.site_light import SiteLight
 from relight3d.relight.tiles import counting, tiles
 from relight3d.shading import mirrored_light, residual_kernel
 from relight3d.tracing import RayScene, over_threads
@@ -29,7 +28,6 @@ EMPTY = np.zeros((0, 3), np.float32)
 NO_IMAGES = np.zeros((0, 0, NUM_IMAGE_COLUMNS), np.float32)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
 NO_MODES = (NO_ROWS, NO_WEIGHTS)
-MIN_SITES = 8192  # fewer are not worth a second thread
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
 
 
@@ -52,6 +50,8 @@ class Engine:
             self.anchors = self._anchors(options.lattice_px)
         self.shadows = Shadows(scene, model, self.buffers, options, self.anchors)
         self.sites = self.buffers.sites
+        self.site_light = None if model.indirect is None else SiteLight(model.indirect)
+        self.num_points = len(self.buffers)  # that a frame evaluates light at
         self.num_readings = 0 if self.sites is None else self.sites.source.size  # of indirect light, in a frame
         starts = np.append(self.buffers.point_start[: -1 : pixel_kernels.CHUNK], self.buffers.point_start[-1])
         self._chunk_points = int(np.diff(starts).max(initial=0))
@@ -66,7 +66,7 @@ class Engine:
 
         `effects` names what each light's shadow rays count as: "shadow", or "soft" for a sample of an extended light.
         """
-        clock = _Clock()
+        clock = Clock()
         self.shadows.start_frame(len(lights) * (1 + len(self._thrown)))
         effects = ["shadow"] * len(lights) if effects is None else effects
         seen = [self.shadows.seen(light, effect) for light, effect in zip(lights, effects)]
@@ -131,66 +131,30 @@ class Engine:
     # ------------------------------------------------------------------------------------- indirect
 
     def _irradiance(self, sites: Sites, lights: list[Light]) -> Float32[np.ndarray, "site 4"]:
-        indirect = self.model.indirect
-        assert indirect is not None
-        far, ambient = np.zeros((sites.coefficients.shape[1], 3), np.float32), sites.ambient
-        ways, colors, places, powers = [], [], [], []
-        for light in lights:
-            at_infinity = isinstance(light, DirectionalLight)
-            if sites.to_basis is None:
-                if at_infinity:
-                    direction, _ = within_reach(np.array([light.to_light]), indirect.anchors, indirect.reach_rad)
-                    far += evaluate_basis(indirect.basis, direction)[0][:, None] * light.power
-                else:
-                    ambient = ambient + self._without_polynomial(light, sites)
-            elif at_infinity:
-                ways.append(light.to_light)
-                colors.append(light.power)
-            else:
-                places.append(light.position)
-                powers.append(light.power * self._part(light, sites))
-        polynomial = sites.to_basis if sites.to_basis is not None else np.zeros((0, 20))
-        out = np.empty((len(ambient), 4), np.float32)  # the fourth column only fills the row
-        given = (_triples(ways), _triples(colors), _triples(places), _triples(powers))
-        reach = (np.ascontiguousarray(indirect.anchors), float(np.cos(indirect.reach_rad)), np.sin(indirect.reach_rad))
-
-        def evaluate(part: slice) -> None:
-            site_irradiance(
-                part.start, part.stop, sites.coefficients, ambient, far.copy(), *given, *reach,
-                indirect.softening, sites.positions, polynomial, np.empty_like(far), np.empty(20), out,
-            )  # fmt: skip
-
-        over_threads(evaluate, tiles(len(out), MIN_SITES))
-        return out
-
-    @staticmethod
-    def _part(light: Light, sites: Sites) -> float:
-        """The part of the scene that a spot lights, shading.light_strength; 1 for lamps without a cone."""
-        if light_row(light)[kernels.CONE_POWER] == 0:
-            return 1.0
-        to_light = light.incident(sites.all_positions.astype(np.float64)).to_light
-        return float(np.mean(light.cone(to_light)))  # type: ignore[union-attr]
-
-    def _without_polynomial(self, light: Light, sites: Sites) -> Float32[np.ndarray, "site 3"]:
-        indirect = self.model.indirect
-        assert indirect is not None
-        to_light, _, distance = light.incident(sites.positions.astype(np.float64))
-        direction, _ = within_reach(to_light, indirect.anchors, indirect.reach_rad)
-        strength = self._part(light, sites) / np.maximum(distance, indirect.softening) ** 2
-        rows = evaluate_basis(indirect.basis, direction) * strength[:, None]
-        return (np.einsum("nbc,nb->nc", sites.coefficients, rows) * light.power).astype(np.float32)
+        assert self.site_light is not None
+        return self.site_light.irradiance(sites, lights)
 
     # ------------------------------------------------------------------------------------- residual
 
     def _residual_weights(self, lights: list[Light]) -> tuple[np.ndarray, np.ndarray]:
-        modes, residual, indirect = self.buffers.modes, self.model.residual, self.model.indirect
-        if modes is None or residual is None:
+        residual, indirect = self.model.residual, self.model.indirect
+        if residual is None:
             return NO_WEIGHTS, NO_WEIGHTS
         softening = indirect.softening if indirect is not None else 0.5 * self.model.mesh.radius
-        pairs = [residual_kernel(residual, light, softening) for light in lights]
+        pairs = [self._residual_kernel(residual, light, softening) for light in lights]
         lit = np.array([p[0] for p in pairs], np.float32).reshape(len(pairs), len(residual.lit_weights))
         dark = np.array([p[1] for p in pairs], np.float32).reshape(len(pairs), len(residual.dark_weights))
         return lit, dark
+
+    @staticmethod
+    def _residual_kernel(residual: Residual, light: Light, softening: float) -> tuple[np.ndarray, np.ndarray]:
+        """shading.residual_kernel, in fewer steps of Python for a light at infinity."""
+        if not isinstance(light, DirectionalLight):
+            return residual_kernel(residual, light, softening)
+        cosine = residual.anchors @ np.asarray(light.to_light)
+        angle = np.arccos(np.minimum(np.maximum(cosine, -1.0), 1.0))
+        lit, dark = np.exp(angle / -residual.lit_length_rad), np.exp(angle / -residual.dark_length_rad)
+        return residual.lit_weights @ lit, residual.dark_weights @ dark
 
     def _residual_images(self, weights: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         modes = self.buffers.modes
@@ -221,16 +185,12 @@ class Engine:
         return out
 
 
-def _triples(rows: list) -> Float64[np.ndarray, "row 3"]:
-    return np.array(rows, np.float64).reshape(-1, 3)
-
-
 def scratch() -> Float32[np.ndarray, "8 lane"]:
     """What a kernel works in for a block of pixels."""
     return np.zeros((pixel_kernels.NUM_PIXEL_ROWS, LANES), np.float32)
 
 
-class _Clock:
+class Clock:
     """Milliseconds between laps, added up by name."""
 
     def __init__(self) -> None:

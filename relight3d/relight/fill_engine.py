@@ -7,14 +7,11 @@ from relight3d.relight import fill_kernels, pixel_kernels
 from relight3d.relight.anchors import CELL, Anchors
 from relight3d.relight.buffers import Buffers, Sites
 from relight3d.relight.engine import Engine, scratch
-from relight3d.relight.kernels import AT_INFINITY, COLOR, KIND, PLACE
+from relight3d.relight.highlights import bright_lobes
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.tiles import counting
 from relight3d.tracing import RayScene
 from relight3d.views import View
-
-FAINT = 1e-3  # of white: a lobe that would add less at a point is left out there
-EXPONENT, DARK = 6, 11  # columns of a lobe's row, buffers.pack_view
 
 
 class FillEngine(Engine):
@@ -48,7 +45,7 @@ class FillEngine(Engine):
             at_anchors = np.empty((len(self._blend[0]), 4), np.float32)
             fill_kernels.blend(*self._blend, irradiance, at_anchors)
             irradiance = at_anchors
-        lobes = self._bright_lobes(rows)
+        lobes = bright_lobes(b.lobes, rows, self._most_gloss * self.model.exposure, self.model.mesh.radius)
         points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
 
         def fill(counter: np.ndarray) -> None:
@@ -59,23 +56,6 @@ class FillEngine(Engine):
             )  # fmt: skip
 
         counting(fill)
-
-    def _most_irradiance(self, rows: np.ndarray) -> float:
-        """What the strongest light sends to any point of the mesh."""
-        radius = self.model.mesh.radius
-        nearest = np.maximum(np.linalg.norm(rows[:, PLACE : PLACE + 3], axis=1) - radius, 0.05 * radius)
-        falloff = np.where(rows[:, KIND] == AT_INFINITY, 1.0, 1.0 / nearest**2)
-        return float((rows[:, COLOR : COLOR + 3].max(axis=1) * falloff).max())
-
-    def _bright_lobes(self, rows: np.ndarray) -> np.ndarray:
-        """The lobes with the base below which each is too faint to be seen under these lights."""
-        lobes = self.buffers.lobes.copy()
-        if len(lobes) == 0 or len(rows) == 0:
-            return lobes
-        most = lobes[:, :3].max(axis=1) * self._most_gloss * self._most_irradiance(rows) * self.model.exposure
-        base = (FAINT / np.maximum(most, FAINT)) ** (1 / np.maximum(lobes[:, EXPONENT], 1e-3))
-        lobes[:, DARK] = np.clip(base, lobes[:, DARK], 0.999999)
-        return lobes
 
 
 def anchor_sites(anchors: Anchors, sites: Sites, buffers: Buffers) -> Sites:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from relight3d.relight.kernels import ZERO, compiled, inlined
+from relight3d.relight.kernels import ZERO, compiled, inlined, take
 
 
 @inlined
@@ -52,6 +52,38 @@ def _add_functions(x, y, z, color, anchors, reach_cosine, reach_sine, to_basis, 
 
 
 @compiled
+def far_functions(ways, colors, anchors, reach_cosine, reach_sine, to_basis, terms, rows):
+    """The functions of lights at infinity, times their colours, added to `rows` (basis x 3)."""
+    for light in range(len(ways)):
+        x, y, z = ways[light, 0], ways[light, 1], ways[light, 2]
+        _add_functions(x, y, z, colors[light], anchors, reach_cosine, reach_sine, to_basis, terms, rows)
+
+
+@compiled
+def far_irradiance(counter, size, coefficients, ambient, rows, work, out):
+    """site_irradiance for lights at infinity alone, whose functions are the same at all sites; tile by tile.
+
+    Planes: `coefficients` basis x 3 x site, `ambient` 3 x site. `work`: room for `size` sites.
+    """
+    num = ambient.shape[1]
+    while True:
+        first = take(counter) * size  # pyright: ignore[reportCallIssue]
+        if first >= num:
+            return
+        last = min(first + size, num)
+        for c in range(3):
+            total, begin = work[: last - first], ambient[c, first:last]
+            for i in range(len(total)):
+                total[i] = begin[i]
+            for b in range(len(rows)):
+                weight, part = rows[b, c], coefficients[b, c, first:last]
+                for i in range(len(total)):
+                    total[i] += part[i] * weight
+            for i in range(len(total)):
+                out[first + i, c] = ZERO if total[i] < 0 else total[i]
+
+
+@compiled
 def site_irradiance(
     first, last, coefficients, ambient, far_rows, ways, colors, places, powers, anchors, reach_cosine, reach_sine,
     softening, positions, to_basis, rows, terms, out,
@@ -61,9 +93,7 @@ def site_irradiance(
     `far_rows` (basis x 3) begins with what is known of the lights at infinity; the functions of those of directions
     `ways` are added there. Lamps (`places`, `powers`) have others at every site. `rows` and `terms` (20) are scratch.
     """
-    for light in range(len(ways)):
-        x, y, z = ways[light, 0], ways[light, 1], ways[light, 2]
-        _add_functions(x, y, z, colors[light], anchors, reach_cosine, reach_sine, to_basis, terms, far_rows)
+    far_functions(ways, colors, anchors, reach_cosine, reach_sine, to_basis, terms, far_rows)
     for v in range(first, last):
         for b in range(len(rows)):
             for c in range(3):

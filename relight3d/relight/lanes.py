@@ -12,7 +12,7 @@ from numba.np.arrayobj import make_array
 
 from relight3d.packets import ORIGIN, WIDTH
 
-WORD, INDEX, FLOAT, BYTE = ir.IntType(64), ir.IntType(32), ir.FloatType(), ir.IntType(8)
+WORD, INDEX, FLOAT, BYTE, SHORT = ir.IntType(64), ir.IntType(32), ir.FloatType(), ir.IntType(8), ir.IntType(16)
 PACKET, MARKS, COLORS = ir.VectorType(FLOAT, WIDTH), ir.VectorType(BYTE, WIDTH), ir.VectorType(FLOAT, 4)
 FUSED = ("contract",)  # one rounding, as in kernels.fused
 
@@ -102,3 +102,120 @@ def blend_colors(_typing, source, share, point, table, column, out, row, lane):
 
     index = types.intp
     return types.void(source, share, index, table, index, out, index, index), generate
+
+
+@intrinsic
+def face_packet(_typing, geometric, first, x, y, z, active):
+    """active[lane] = -1 where the point first + lane faces the direction, by its geometric normal, else 0; how many do."""
+
+    def generate(context, builder, signature, given):
+        planes = (signature.args[0], given[0])
+        way = [_all(builder, given[2 + axis], PACKET) for axis in range(3)]
+        normal = [_load(builder, _place(context, builder, *planes, WORD(axis), given[1]), PACKET) for axis in range(3)]
+        cosine = builder.fmul(normal[0], way[0])  # in the reference's order, each step rounded
+        for axis in (1, 2):
+            cosine = builder.fadd(cosine, builder.fmul(normal[axis], way[axis]))
+        faces = builder.fcmp_ordered(">", cosine, ir.Constant(PACKET, [0.0] * WIDTH))
+        marks = builder.sext(faces, ir.VectorType(INDEX, WIDTH))
+        _store(builder, marks, _place(context, builder, signature.args[5], given[5]))
+        bits = builder.zext(builder.bitcast(faces, ir.IntType(WIDTH)), WORD)
+        return builder.call(builder.module.declare_intrinsic("llvm.ctpop", [WORD]), [bits])
+
+    number = types.float32
+    return types.intp(geometric, types.intp, number, number, number, active), generate
+
+
+@intrinsic
+def shines(_typing, along, across, surface, form, first, num, aside, ahead, dark, which):
+    """Whether aside * across + ahead * along is above `dark` at one of the `num` items (whole packets) from `first` on that
+    are of surface `which` and have a form above 0.
+    """
+
+    def generate(context, builder, signature, given):
+        kinds, first = signature.args, given[4]
+        aside, ahead, dark = (_all(builder, given[k], PACKET) for k in (6, 7, 8))
+        which = _all(builder, builder.trunc(given[9], SHORT), ir.VectorType(SHORT, WIDTH))
+        marks = ir.VectorType(ir.IntType(1), WIDTH)
+        found = cgutils.alloca_once_value(builder, ir.Constant(marks, [0] * WIDTH))
+        with cgutils.for_range_slice(builder, WORD(0), given[5], WORD(WIDTH)) as (step, _):
+            at = builder.add(first, step)
+            x, y, form = (_load(builder, _place(context, builder, kinds[k], given[k], at), PACKET) for k in (0, 1, 3))
+            of = _load(builder, _place(context, builder, kinds[2], given[2], at), ir.VectorType(SHORT, WIDTH))
+            base = builder.fadd(builder.fmul(aside, y, flags=FUSED), builder.fmul(ahead, x, flags=FUSED), flags=FUSED)
+            bright = builder.and_(builder.fcmp_ordered(">", base, dark), builder.icmp_signed("==", of, which))
+            bright = builder.and_(bright, builder.fcmp_ordered(">", form, ir.Constant(PACKET, [0.0] * WIDTH)))
+            builder.store(builder.or_(builder.load(found), bright), found)
+        bits = builder.bitcast(builder.load(found), ir.IntType(WIDTH))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(ir.IntType(WIDTH), 0))
+
+    number = types.float32
+    return types.boolean(
+        along, across, surface, form, types.intp, types.intp, number, number, number, types.int32
+    ), generate
+
+
+@intrinsic
+def add_rows(_typing, entries, step, mode, first, last, weights, light, colors, column, part, out, row, lane):
+    """out[row + c, lane + i] += colors[light, column + c] * part[lane + i] * the sum over rows r of entries (first to last)
+    of weights[light, mode[r]] * step[r] * entries[r, c * num + i], for three colours c and num = entries.shape[1] / 3.
+    """
+
+    def generate(context, builder, signature, given):
+        kinds = signature.args
+        first, last, light, column, row, lane = (given[k] for k in (3, 4, 6, 8, 11, 12))
+        count = builder.sub(last, first)
+        element = context.get_data_type(kinds[0].dtype)
+        size = kinds[0].dtype.bitwidth // 8
+        group = 4  # packets whose sums are in registers
+        for c in range(3):
+            sums = [cgutils.alloca_once_value(builder, ir.Constant(PACKET, [0.0] * WIDTH)) for _ in range(group)]
+            with cgutils.for_range(builder, count) as loop:
+                r = builder.add(first, loop.index)
+                which = builder.load(
+                    builder.bitcast(_place(context, builder, kinds[2], given[2], r), INDEX.as_pointer())
+                )
+                weight = _place(context, builder, kinds[5], given[5], light, builder.sext(which, WORD))
+                scale = _place(context, builder, kinds[1], given[1], r)
+                weight, scale = (builder.load(builder.bitcast(p, FLOAT.as_pointer())) for p in (weight, scale))
+                factor = _all(builder, builder.fmul(weight, scale), PACKET)
+                for v in range(group):
+                    at = WORD(c * group * WIDTH + v * WIDTH)
+                    values = _load(
+                        builder, _place(context, builder, kinds[0], given[0], r, at), ir.VectorType(element, WIDTH)
+                    )
+                    if size < 4:
+                        values = builder.sitofp(values, PACKET)
+                    more = builder.fmul(factor, values, flags=FUSED)
+                    builder.store(builder.fadd(builder.load(sums[v]), more, flags=FUSED), sums[v])
+            color = _place(context, builder, kinds[7], given[7], light, builder.add(column, WORD(c)))
+            color = _all(builder, builder.load(builder.bitcast(color, FLOAT.as_pointer())), PACKET)
+            for v in range(group):
+                at = builder.add(lane, WORD(v * WIDTH))
+                share = builder.fmul(
+                    color, _load(builder, _place(context, builder, kinds[9], given[9], at), PACKET), flags=FUSED
+                )
+                place = _place(context, builder, kinds[10], given[10], builder.add(row, WORD(c)), at)
+                more = builder.fmul(share, builder.load(sums[v]), flags=FUSED)
+                _store(builder, builder.fadd(_load(builder, place, PACKET), more, flags=FUSED), place)
+        return context.get_dummy_value()
+
+    index = types.intp
+    given = (entries, step, mode, index, index, weights, index, colors, index, part, out, index, index)
+    return types.void(*given), generate
+
+
+@intrinsic
+def put_color(_typing, out, place, red, green, blue):
+    """out[place], out[place + 1], out[place + 2] = a colour, one store each: in a loop with a stride the compiler would
+    scatter vector registers, which takes five times as long.
+    """
+
+    def generate(context, builder, signature, given):
+        start = _place(context, builder, signature.args[0], given[0], given[1])
+        start = builder.bitcast(start, FLOAT.as_pointer())
+        for c in range(3):
+            builder.store_atomic(given[2 + c], builder.gep(start, [WORD(c)]), "monotonic", 4)
+        return context.get_dummy_value()
+
+    number = types.float32
+    return types.void(out, types.intp, number, number, number), generate

@@ -16,7 +16,7 @@ SQRT_HALF_BITS, MANTISSA_BITS, EXPONENT_OF_ONE = 0x3F3504F3, 23, 127
 
 
 @fused_inlined
-def _power(base, exponent):
+def power(base, exponent):
     """base ** exponent for a base in (0, 1], as exact as float32 lets the exponent's product be."""
     # base = 2^e * m with m in [sqrt(1/2), sqrt(2)): near 1, where lobes peak, e = 0 and nothing cancels.
     bits = bits_of(base)  # pyright: ignore[reportCallIssue]
@@ -25,9 +25,9 @@ def _power(base, exponent):
     s = (m - ONE) / (m + ONE)
     q = s * s
     tail = LOG_3 + q * (LOG_5 + q * (LOG_7 + q * LOG_9))
-    power = exponent * (np.float32(e) * LN2 + TWO * (s + s * q * tail))
-    k = np.floor(power * PER_LN2 + HALF)
-    f = power - k * LN2
+    raised = exponent * (np.float32(e) * LN2 + TWO * (s + s * q * tail))
+    k = np.floor(raised * PER_LN2 + HALF)
+    f = raised - k * LN2
     tail = EXP_4 + f * (EXP_5 + f * EXP_6)
     scale = float_of(np.int32((np.int32(k) + EXPONENT_OF_ONE) << MANTISSA_BITS))
     return (ONE + f * (ONE + f * (HALF + f * (EXP_3 + f * tail)))) * scale
@@ -48,7 +48,7 @@ def _split_facing(normal, viewer, a, b, way, along, across):
 
 
 @fused_inlined
-def _brushed_base(lobe, normal, viewer, a, b, way, base):
+def brushed_base(lobe, normal, viewer, a, b, way, base):
     """The base of an anisotropic lobe, in the frame of maths.lafortune.tangent_frame."""
     for i in range(len(base)):
         nx, ny, nz = normal[0, a + i], normal[1, a + i], normal[2, a + i]
@@ -111,7 +111,7 @@ def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, 
         elif lobes[k, 10] < 0:
             _halfway_base(lobes[k], position, normal, viewer, *ends, way, base)
         else:
-            _brushed_base(lobes[k], normal, viewer, *ends, way, base)
+            brushed_base(lobes[k], normal, viewer, *ends, way, base)
         dark, num = lobes[k, 11], 0
         for i in range(len(base)):
             num += base[i] > dark
@@ -123,8 +123,8 @@ def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, 
         exponent, r, g, b = lobes[k, 6], lobes[k, 0], lobes[k, 1], lobes[k, 2]
         for i in range(len(base)):  # below `dark` the power is too small to be seen; a NaN is dark
             value = base[i]
-            power = _power(min(max(value, dark), ONE), exponent)
-            base[i] = power if value > dark else ZERO
+            strength = power(min(max(value, dark), ONE), exponent)
+            base[i] = strength if value > dark else ZERO
         for i in range(len(base)):
             red[i] += r * base[i]
             green[i] += g * base[i]

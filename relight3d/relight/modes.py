@@ -75,7 +75,7 @@ def pack_modes(
         return Modes(*_kept_blocks(model, residual, rows, True, precision), source, share)
     counts = np.diff(start)
     part = np.repeat((1 / counts).astype(np.float32), counts)
-    return modes_elsewhere(model, residual, *_faded(model, view, order, part, to_viewer), precision)
+    return modes_elsewhere(model, residual, *read_shares(model, view, order, part, to_viewer), precision)
 
 
 def modes_elsewhere(
@@ -93,16 +93,21 @@ def _kept_blocks(
     kept = _blocks.setdefault(residual, {})
     key = (captured, precision)
     if key not in kept:
-        lit_loudness, dark_loudness = _loudness(model, residual)
-        unseen = UNSEEN / model.exposure
+        lit_loudness, dark_loudness = loudness_of(model, residual)
+        unseen = unseen_part(model)
         kept[key] = (
-            _in_blocks(residual.lit_modes, rows, precision, lit_loudness / unseen),
-            _in_blocks(residual.dark_modes, rows, precision, dark_loudness / unseen),
+            in_blocks(residual.lit_modes, rows, precision, lit_loudness / unseen),
+            in_blocks(residual.dark_modes, rows, precision, dark_loudness / unseen),
         )
     return kept[key]
 
 
-def _loudness(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.ndarray]:
+def unseen_part(model: RelightModel) -> float:
+    """What a mode may be off by, in radiance."""
+    return UNSEEN / model.exposure
+
+
+def loudness_of(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.ndarray]:
     """The most that a light of the capture makes of each mode, lit and dark; the weights' own size without lights."""
     softening = model.indirect.softening if model.indirect is not None else 0.5 * model.mesh.radius
     lights = [light for photograph in model.lights for light in photograph if np.any(light.power > 0)]
@@ -113,7 +118,7 @@ def _loudness(model: RelightModel, residual: Residual) -> tuple[np.ndarray, np.n
     return lit, dark
 
 
-def _faded(
+def read_shares(
     model: RelightModel, view: View, order: np.ndarray, part: np.ndarray, to_viewer: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """forward.residual_source for a view that is not the captured one; each point has a part of its pixel's."""
@@ -127,7 +132,7 @@ def _faded(
     return source, share
 
 
-def _in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"]) -> Rows:
+def in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"]) -> Rows:
     """modes[rows] by blocks; rows below 0 and the padding are zero. What is below 1 / loudness cannot be seen."""
     num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
     parts: list[tuple[np.ndarray, ...]] = []

@@ -1,13 +1,13 @@
 """What a frame spends its time on: every approximation a named option, and the presets that combine them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from relight3d.errors import InputError
 
 Shadows = Literal["exact", "adaptive", "table", "off"]
 Backend = Literal["auto", "numpy", "numba"]
-Shading = Literal["exact", "adaptive"]
+Shading = Literal["exact", "adaptive", "half"]
 Precision = Literal["float32", "int16", "int8"]
 Preset = Literal["fast", "balanced", "exact"]
 
@@ -25,7 +25,9 @@ class RelightOptions:
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
     shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
     table_directions: int = 256  # of precomputed shadows: directions over the sphere, a square number
-    shading: Shading = "exact"  # adaptive: indirect light at every fourth pixel, highlights where they can be seen
+    # adaptive: indirect light at every fourth pixel, highlights where they can be seen; half: light at every second pixel
+    # each way, shadows too (on a lattice of its own, whatever `shadows` says but "off")
+    shading: Shading = "exact"
     light_samples: int = 16  # shadow samples of a sphere or rectangle light; other lights cost nothing by it
     edge_samples: int = 4  # points that a pixel on an outline is cut into (a square number; 1: none)
     max_bounces: int = 2  # mirrors followed one after the other; 0 shows mirrors black
@@ -42,7 +44,7 @@ class RelightOptions:
     def __post_init__(self) -> None:
         _one_of("shadows", self.shadows, ("exact", "adaptive", "table", "off"))
         _one_of("backend", self.backend, ("auto", "numpy", "numba"))
-        _one_of("shading", self.shading, ("exact", "adaptive"))
+        _one_of("shading", self.shading, ("exact", "adaptive", "half"))
         _one_of("precision", self.precision, ("float32", "int16", "int8"))
         _one_of("lattice_px", self.lattice_px, (2, 4))
         _one_of("edge_samples", self.edge_samples, (1, 4, 9, 16))
@@ -67,7 +69,7 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 BALANCED = RelightOptions(shadows="adaptive", lattice_px=4, shading="adaptive", precision="int8")
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": replace(BALANCED, shared_rays=True, max_modes=8),
+    "fast": RelightOptions(shading="half", precision="int8", max_modes=8),
     "balanced": BALANCED,
     "exact": RelightOptions(),
 }

@@ -66,3 +66,22 @@ def read_faces(first, last, order, face, faces, source):
     for q in range(first, last):
         for k in range(3):
             source[q, k] = faces[face[order[q]], k]
+
+
+@compiled
+def blend_modes(first, last, begin, start, member, source, share, modes, out):
+    """The modes of items begin + first to begin + last: of their points, members start[item] to start[item + 1], by the
+    captured points that these read.
+    """
+    for i in range(first, last):
+        for m in range(modes.shape[1]):
+            for c in range(3):
+                out[i, m, c] = ZERO
+        for k in range(start[begin + i], start[begin + i + 1]):
+            p = member[k]
+            for s in range(source.shape[1]):
+                part, row = share[p, s], source[p, s]
+                if part != 0:
+                    for m in range(modes.shape[1]):
+                        for c in range(3):
+                            out[i, m, c] += part * modes[row, m, c]

@@ -78,6 +78,7 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
     }
     if model.indirect is not None or any(model.lobes):
         steps["shading on a lattice"] = {"shading": "adaptive"}
+    steps["light at half resolution"] = {"shading": "half"}
     num_lobes = max((len(lobes) for lobes in model.lobes), default=0)
     num_modes = 0
     if model.residual is not None:
@@ -181,6 +182,10 @@ def joined(changes: Changes, more: Changes) -> dict[str, Any]:
     for name in ("max_modes", "max_lobes"):
         if name in changes and name in more:
             out[name] = min(changes[name], more[name])
+    if "half" in (changes.get("shading"), more.get("shading")):  # which has a lattice of its own
+        out = {k: v for k, v in out.items() if k not in ("lattice_px", "shared_rays")} | {"shading": "half"}
+        if out.get("shadows") == "adaptive":
+            del out["shadows"]
     if out.get("residual") is False:
         out = {k: v for k, v in out.items() if k not in ("max_modes", "precision")}
     if "off" in (changes.get("shadows"), more.get("shadows")):

@@ -152,12 +152,13 @@ def _engine_class(options: RelightOptions):
     try:
         from relight3d.relight.engine import Engine
         from relight3d.relight.fill_engine import FillEngine
+        from relight3d.relight.half_engine import HalfEngine
     except ImportError:
         if options.backend == "numba":
             raise
         logger.info("no numba: frames come from the NumPy reference")
         return None
-    return FillEngine if options.shading == "adaptive" else Engine
+    return {"exact": Engine, "adaptive": FillEngine, "half": HalfEngine}[options.shading]
 
 
 def _terms(scene: RayScene, model: RelightModel, view: View, options: RelightOptions, lights: list[Light]) -> Terms:

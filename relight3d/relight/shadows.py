@@ -15,10 +15,11 @@ from relight3d.relight.buffers import Buffers
 from relight3d.relight.cast_kernels import cast_tiles, find_in_tiles
 from relight3d.relight.casting import cast_listed
 from relight3d.relight.ground import ground_of
-from relight3d.relight.kernels import AT_INFINITY, FULL, KIND, PLACE
+from relight3d.relight.kernels import FULL
 from relight3d.relight.lattice import Lattice
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.thrown import Thrown
 from relight3d.relight.tiles import counters, counting, tiles
 from relight3d.tracing import RayScene, over_threads
 
@@ -40,14 +41,13 @@ class Shadows:
         options: RelightOptions,
         anchors: Anchors | None = None,
     ) -> None:
-        self._scene, self._model, self._buffers, self._options = scene, model, buffers, options
+        self._scene, self._buffers, self._options = scene, buffers, options
         num = len(buffers)
         self._offset = np.float32(scene.offset_distance)
         self._ground = ground_of(model.mesh)
         self._tiles = tiles(num)
-        self._origins, self._ways = np.empty((num, 3), np.float32), np.empty((num, 3), np.float32)
-        self._limits, self._index = np.empty(num, np.float32), np.empty(num, np.int32)
-        self._blocked, self._state = np.empty(num, bool), np.zeros(num, np.uint8)
+        self._index, self._state = np.empty(num, np.int32), np.zeros(num, np.uint8)
+        self._thrown = Thrown(scene, model, buffers.position, buffers.geometric_normal, buffers.normal)
         self._kept: OrderedDict[tuple, Seen] = OrderedDict()
         self.rays: dict[str, int] = {}
         self._room = options.keep_lights
@@ -155,38 +155,8 @@ class Shadows:
     # ------------------------------------------------------------------------------------- mirrors
 
     def _cast_thrown(self, light: Light, virtual: Float32[np.ndarray, "1 row"], mirror_index: int) -> Seen:
-        """shading.cast_thrown: a ray to the mirror, and from where it meets it one on to the lamp."""
-        b, mirror, offset = self._buffers, self._model.mirrors[mirror_index], self._offset
-        seen, real = np.zeros(len(b), np.uint8), light_row(light)[None]
-        at_infinity = real[0, KIND] == AT_INFINITY
-        if at_infinity and virtual[0, PLACE : PLACE + 3] @ mirror.normal >= 0:  # the light is behind the mirror
-            return seen
-        plane = np.array([*mirror.point, *mirror.normal, mirror.radius * 1.001], np.float32)
-        geometry = (plane, b.position, b.geometric_normal, b.normal, offset)
-        rays = (self._origins, self._ways, self._limits, np.empty((len(b), 3), np.float32), self._index)
-        front = (mirror.normal * (4 * offset)).astype(np.float32)
-        surface_of_face = self._model.surfaces.surface_of_face
-
-        def cast(part: slice) -> int:
-            ends = (part.start, part.stop)
-            num = ray_kernels.ask_thrown(virtual, real, self._ground, *geometry, *ends, self._blocked, *rays)
-            if num == 0:
-                return 0
-            asked = slice(part.start, part.start + num)
-            origins, ways, reach, crossings = (each[asked] for each in rays[:-1])
-            hits = self._scene.first_hit(origins, ways, coherent=True)
-            through = surface_of_face[np.maximum(hits.face, 0)] == mirror.surface
-            through &= (hits.face >= 0) & (np.abs(hits.distance - reach) <= 1e-3 * reach + 16 * offset)
-            bounce = crossings[through] + front
-            if len(bounce) == 0:
-                return num
-            onward, _, left = light.incident(bounce)
-            limit = None if at_infinity else left - 2 * offset
-            blocked = self._scene.is_blocked(bounce, onward[:1] if at_infinity else onward, limit)
-            seen[self._index[asked][through][~blocked]] = FULL
-            return num + len(bounce)
-
-        self.rays["thrown"] += sum(over_threads(cast, self._tiles))
+        seen, num = self._thrown.cast(light, virtual, mirror_index)
+        self.rays["thrown"] += num
         return seen
 
 

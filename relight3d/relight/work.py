@@ -43,7 +43,7 @@ def work_of(relighter: "Relighter", stats: Sequence[Stats]) -> dict[str, int]:
     else:  # those that some point reads, or the anchors
         num_sites = len(engine.sites.coefficients)
     return {
-        "points": len(view.points),
+        "points": len(view.points) if engine is None else engine.num_points,
         "shadow rays": _mean_rays(stats, "shadow"),
         "border rays": _mean_rays(stats, "border"),
         "thrown rays": _mean_rays(stats, "thrown"),

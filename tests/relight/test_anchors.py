@@ -11,7 +11,8 @@ from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import pixel_kernels
 from relight3d.relight.anchors import Anchors, cell_shares, find_anchors, spread_values
-from relight3d.relight.fill_engine import FAINT, anchor_sites
+from relight3d.relight.fill_engine import anchor_sites
+from relight3d.relight.highlights import FAINT
 from relight3d.relight.kernels import FULL
 from relight3d.relight.options import PRESETS, RelightOptions
 from relight3d.relight.relighter import Relighter
@@ -112,7 +113,10 @@ def test_a_filled_frame_equals_its_reference(captured: bool) -> None:
 def test_light_kept_at_anchors_is_what_they_read() -> None:
     """Where a mesh is finer than the lattice, anchors keep indirect light themselves; else they read its sites."""
     model, lights = bright(models.full()), [models.SUN, models.RED]
-    reads, keeps = large(model).with_options(FILL)._engine, large(models.full("sh2", "pixel")).with_options(FILL)._engine
+    reads, keeps = (
+        large(model).with_options(FILL)._engine,
+        large(models.full("sh2", "pixel")).with_options(FILL)._engine,
+    )
     assert reads._blend is not None
     assert keeps._blend is None and len(keeps.sites.positions) < 160 * 120 / 4
     centred = [light.translated(-model.mesh.center) for light in lights]

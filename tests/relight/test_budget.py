@@ -181,3 +181,11 @@ def test_another_setting_shares_the_view_and_shows_the_same() -> None:
 def test_the_clocks_of_a_frame_add_up_to_its_time() -> None:
     clocks = frame_clocks(Relighter(rich_model(), options=RelightOptions()))
     assert set(clocks) == {"shadow", "thrown", "indirect", "shade"} and all(ms > 0 for ms in clocks.values())
+
+
+def test_half_resolution_has_a_lattice_of_its_own() -> None:
+    lattice = {"shadows": "adaptive", "lattice_px": 4, "shared_rays": True, "shading": "adaptive"}
+    assert joined(lattice, {"shading": "half"}) == {"shading": "half"}
+    assert joined({"shading": "half"}, lattice) == {"shading": "half"}
+    assert joined({"shading": "half"}, {"shadows": "off"}) == {"shading": "half", "shadows": "off"}
+    assert single_steps(rich_model())["light at half resolution"] == {"shading": "half"}

@@ -334,3 +334,12 @@ def test_bad_settings_are_refused(arguments: dict) -> None:
 def test_bad_options_are_refused(arguments: dict) -> None:
     with pytest.raises(InputError):
         RelightOptions(**arguments)
+
+
+def test_a_view_that_stays_gets_the_same_indirect_light() -> None:
+    """From its second frame on the sites stand in planes."""
+    relighter = Relighter(models.full())
+    first, second = (relighter.render([models.SUN, models.RED]).radiance for _ in range(2))
+    assert worst_difference(second, first, 1 / relighter.model.exposure) < RELATIVE
+    fresh = Relighter(models.full()).render([models.LAMP, models.SUN]).radiance
+    np.testing.assert_array_equal(relighter.render([models.LAMP, models.SUN]).radiance, fresh)

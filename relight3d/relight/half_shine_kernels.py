@@ -1,0 +1,108 @@
+"""Highlights and the residual of a row of items at half resolution (half_kernels.py)."""
+
+import numpy as np
+
+from relight3d.relight.kernels import COLOR, ONE, ZERO, fused, fused_inlined
+from relight3d.relight.lanes import add_rows, shines
+from relight3d.relight.lobe_kernels import brushed_base, power
+from relight3d.relight.modes import LANES
+
+# Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
+# to a lamp and its falloff; a lobe's sum and base; how much is dark.
+TOTAL, ARRIVING, LIT_PART, FORM, COSINE, ALONG, ACROSS = 0, 3, 6, 7, 8, 9, 10
+WAY, FALLOFF, SUM, BASE, REST, NUM_HALF_ROWS = 11, 14, 15, 18, 19, 20
+
+
+@fused
+def split_facing(facing, step, first, n, work):
+    """What lobes are made of (lobe_kernels), from ACROSS, the direction to the light along that to the viewer."""
+    along, across, cosine, out_of = work[ALONG, :n], work[ACROSS, :n], work[COSINE, :n], facing[first : first + n]
+    for i in range(n):
+        along[i] = cosine[i] * (step * np.float32(out_of[i]))
+    for i in range(n):
+        across[i] -= along[i]
+
+
+@fused_inlined
+def _add_highlights_of_block(
+    lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, block, work
+):
+    """The highlights of a block of items: of the surfaces in it that have lobes (`shining`: -1 for none), where seen."""
+    way = (work[WAY, block * LANES :], work[WAY + 1, block * LANES :], work[WAY + 2, block * LANES :])
+    a = block * LANES
+    begin = first + a
+    all_along, all_across, all_form, all_of = work[ALONG], work[ACROSS], work[FORM], surface[first:]
+    along, across, form = work[ALONG, a : a + LANES], work[ACROSS, a : a + LANES], work[FORM, a : a + LANES]
+    mine, base = surface[begin : begin + LANES], work[BASE, :LANES]
+    red, green, blue = work[SUM, :LANES], work[SUM + 1, :LANES], work[SUM + 2, :LANES]
+    begun = False
+    for s in range(shining.shape[1]):
+        which = shining[begin // LANES, s]
+        if which < 0:
+            break
+        for k in range(lobe_start[which], lobe_start[which + 1]):
+            aside, ahead, dark = lobes[k, 3], lobes[k, 5], lobes[k, 11]
+            if lobes[k, 10] > 0:
+                if not shines(all_along, all_across, all_of, all_form, a, LANES, aside, ahead, dark, which):  # pyright: ignore[reportCallIssue]
+                    continue
+            else:
+                brushed_base(lobes[k], viewer[3:], viewer[:3], begin, begin + LANES, way, base)
+            if not begun:
+                red[:], green[:], blue[:] = ZERO, ZERO, ZERO
+                begun = True
+            exponent, r, g, b = lobes[k, 6], lobes[k, 0], lobes[k, 1], lobes[k, 2]
+            if lobes[k, 10] > 0:
+                for i in range(LANES):
+                    base[i] = aside * across[i] + ahead * along[i]
+            for i in range(LANES):
+                value = base[i]
+                strength = power(min(max(value, dark), ONE), exponent)
+                base[i] = strength if (value > dark) & (mine[i] == which) else ZERO
+            for i in range(LANES):
+                red[i] += r * base[i]
+                green[i] += g * base[i]
+                blue[i] += b * base[i]
+    if not begun:
+        return
+    for c in range(3):
+        strength, gain = lights[light, COLOR + c] * steps[4 + c], gloss[c, begin : begin + LANES]
+        lobe, total = work[SUM + c, :LANES], work[TOTAL + c, a : a + LANES]
+        for i in range(LANES):
+            total[i] += form[i] * strength * np.float32(gain[i]) * lobe[i]
+
+
+@fused
+def add_highlights(lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, length, work):
+    """The highlights of a row's items, block by block."""
+    for block in range(length // LANES):
+        if shining[first // LANES + block, 0] >= 0:
+            _add_highlights_of_block(
+                lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, block, work
+            )  # fmt: skip
+
+
+@fused_inlined
+def _exceeds(values, first, limit):
+    """Whether one of a block's values does."""
+    num = 0
+    for i in range(first, first + LANES):
+        num += values[i] > limit
+    return num > 0
+
+
+@fused
+def add_residual(lights, light, lit, dark, first, length, work):
+    """The residual of a row's items: lit and dark modes (modes.Rows and weights), by how much of each item is lit."""
+    lit_rows, lit_step, lit_mode, lit_start = lit[0]
+    dark_rows, dark_step, dark_mode, dark_start = dark[0]
+    part, rest = work[LIT_PART, :length], work[REST, :length]
+    for i in range(length):
+        rest[i] = ONE - part[i]
+    for block in range(length // LANES):
+        a, place = block * LANES, first // LANES + block
+        begin, end = lit_start[place], lit_start[place + 1]
+        if begin < end and _exceeds(part, a, ZERO):
+            add_rows(lit_rows, lit_step, lit_mode, begin, end, lit[1], light, lights, COLOR, part, work, TOTAL, a)  # pyright: ignore[reportCallIssue]
+        begin, end = dark_start[place], dark_start[place + 1]
+        if begin < end and _exceeds(rest, a, ZERO):
+            add_rows(dark_rows, dark_step, dark_mode, begin, end, dark[1], light, lights, COLOR, rest, work, TOTAL, a)  # pyright: ignore[reportCallIssue]
