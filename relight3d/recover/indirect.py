@@ -22,7 +22,6 @@ from relight3d.records import Health, Indirect, Observations
 from relight3d.recover.sites import SITES
 from relight3d.shading import indirect_design
 
-
 SHARES = (0.1, 0.3, 1.0, 3.0, 10.0)  # of ambient light beside the mean of the lamps' indirect light, tried in turn
 MIN_SPREAD = 0.05  # of the photographs' intensities: of equal ones no share is told
 

@@ -149,3 +149,48 @@ def test_photographs_are_summed_to_sites_block_by_block(num_photos: int) -> None
     np.testing.assert_allclose(sums.weight, np.einsum("sp,lp,pc->slc", dense, weight, albedo**2), rtol=1e-5)
     missing = np.pi * target - albedo * direct
     np.testing.assert_allclose(sums.moment, np.einsum("sp,lp,pc,lpc->slc", dense, weight, albedo, missing), atol=1e-5)
+
+
+def noisy_room(share: float, powers: np.ndarray) -> tuple[SiteSums, Observations, np.ndarray]:
+    """Sites of unequal brightness that get `share` times as much ambient light as a lamp of power 1 sends indirectly."""
+    rng = np.random.default_rng(9)
+    observed = observations(lamps(powers))
+    level = rng.uniform(0.1, 0.5, (60, 1, 1))
+    irradiance = level * (1.0 + share / observed.scale)
+    weight = np.ones(irradiance.shape)
+    noisy = irradiance * (1.0 + 0.1 * rng.normal(size=irradiance.shape))
+    return SiteSums(weight, weight * noisy), observed, level[:, 0]
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_ambient_light_is_a_share_of_all_where_each_site_tells_too_little(share: float) -> None:
+    """Of lamps between half and twice as strong as each other, in noise: no site tells ambient light by itself."""
+    sums, observed, level = noisy_room(share, np.linspace(0.6, 1.6, 8))
+    anchors = anchors_of(observed)
+    lit = indirect.choose_basis(sums, observed, NOWHERE, anchors, 1e-6, IndirectOptions())
+    assert lit.shared_ambient is not None and not lit.has_ambient and lit.tells_ambient
+    assert indirect.ambient_gain_db(sums, lit) > 0.3
+    record, _ = indirect.indirect_of(indirect.solve_sites(sums, lit), lit, observed, "vertex", anchors, 1e-6)
+    assert record.ambient_is_separate
+    np.testing.assert_allclose(np.median(record.ambient / (share * level), axis=0), 1.0, rtol=0.3)
+    # Two lamps of power 1 at once add up to twice the indirect light, and to the ambient light once.
+    both = record.ambient + 2 * record.coefficients[:, 0]
+    np.testing.assert_allclose(np.median(both / level, axis=0), 2.0 + share, rtol=0.1)
+
+
+def test_without_the_shared_ambient_light_the_functions_are_as_before() -> None:
+    sums, observed, _ = noisy_room(1.0, np.linspace(0.6, 1.6, 8))
+    anchors = anchors_of(observed)
+    plain = indirect.design("constant", observed, NOWHERE, anchors, 1e-6, IndirectOptions())
+    back = indirect.without_ambient(indirect.with_shared_ambient(plain, observed, 0.5))
+    np.testing.assert_allclose(back.rows, indirect.without_ambient(plain).rows)
+    assert not back.tells_ambient and indirect.ambient_gain_db(sums, back) == 0.0
+
+
+def test_no_share_of_ambient_light_is_claimed_of_equal_lamps_or_in_the_dark() -> None:
+    equal, observed, _ = noisy_room(1.0, np.full(8, 1.0))
+    anchors = anchors_of(observed)
+    assert not indirect.choose_basis(equal, observed, NOWHERE, anchors, 1e-6, IndirectOptions()).tells_ambient
+    dark, observed, _ = noisy_room(0.0, np.linspace(0.6, 1.6, 8))
+    lit = indirect.choose_basis(dark, observed, NOWHERE, anchors_of(observed), 1e-6, IndirectOptions())
+    assert indirect.ambient_gain_db(dark, lit) < 0.1  # SCENE_NOISE_DB: what does not exceed it is switched off
