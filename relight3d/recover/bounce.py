@@ -193,10 +193,11 @@ def at_photographs(
 
 
 def added(indirect: Indirect, bounced: Bounced) -> Indirect:
-    """Fitted and computed light as one record; the fit's functions must be among those of the computed light."""
-    into = embedding(indirect.basis, bounced.basis)
-    total = bounced.coefficients + np.einsum("nbc,bk->nkc", indirect.coefficients, into)
-    return replace(indirect, basis=bounced.basis, coefficients=np.ascontiguousarray(total, np.float32))
+    """Fitted and computed light as one record, in the functions of whichever has more."""
+    basis = max(indirect.basis, bounced.basis, key=lambda name: BASES[name])
+    parts = ((indirect.basis, indirect.coefficients), (bounced.basis, bounced.coefficients))
+    total = sum(np.einsum("nbc,bk->nkc", part, embedding(name, basis)) for name, part in parts)
+    return replace(indirect, basis=basis, coefficients=np.ascontiguousarray(total, np.float32))
 
 
 def lights_to_try(

@@ -4,7 +4,7 @@ import numpy as np
 
 from relight3d.relight.kernels import COLOR, ONE, ZERO, fused, fused_inlined
 from relight3d.relight.lanes import add_rows, shines
-from relight3d.relight.lobe_kernels import brushed_base, power
+from relight3d.relight.lobe_kernels import brushed_base, halfway_base, power
 from relight3d.relight.modes import LANES
 
 # Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
@@ -45,6 +45,8 @@ def _add_highlights_of_block(
             if lobes[k, 10] > 0:
                 if not shines(all_along, all_across, all_of, all_form, a, LANES, aside, ahead, dark, which):  # pyright: ignore[reportCallIssue]
                     continue
+            elif lobes[k, 10] < 0:
+                halfway_base(lobes[k], viewer[6:], viewer[3:], viewer[:3], begin, begin + LANES, way, base)
             else:
                 brushed_base(lobes[k], viewer[3:], viewer[:3], begin, begin + LANES, way, base)
             if not begun:

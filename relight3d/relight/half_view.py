@@ -47,7 +47,7 @@ class Items:
     gloss: Num[np.ndarray, "axis shiny"]  # lobe gain * throughput; the next four too of length 0 without lobes
     facing: Num[np.ndarray, " shiny"]  # the cosine between the normal and the direction to the viewer
     steps: Float32[np.ndarray, "8"]  # of the normal, three of diffuse, three of gloss, of facing
-    viewer: Float32[np.ndarray, "both brushed"]  # that direction and the normal, where a lobe is anisotropic
+    viewer: Float32[np.ndarray, "nine brushed"]  # that direction, the normal and the place, where a lobe is not round
     surface: Int16[np.ndarray, " item"]
     shining: Int32[np.ndarray, "block some"]  # the surfaces with lobes in each block of LANES items, then -1
     lit: Rows  # the residual's modes, by blocks of items
@@ -106,7 +106,9 @@ def pack_items(
         viewer /= np.maximum(np.linalg.norm(viewer, axis=0), 1e-9)
         gloss, facing = summed(buffers.gloss), np.einsum("cp,cp->p", normal, viewer)
         shining = _shining(surface.reshape(-1, LANES), np.diff(buffers.lobe_start) > 0)
-        viewer = np.concatenate([viewer, normal]) if (buffers.lobes[:, 10] == 0).any() else NO_PLANES
+        is_round = buffers.lobes[:, 10] > 0
+        place = summed(buffers.position) / np.maximum(np.bincount(item, minlength=num), 1).astype(np.float32)
+        viewer = NO_PLANES if is_round.all() else np.concatenate([viewer, normal, place])
     lit = dark = NO_ROWS
     if residual is not None:
         lit, dark = _modes(lattice, model, residual, view, buffers, precision)

@@ -10,12 +10,12 @@ EXPONENT, DARK = 6, 11  # columns of a lobe's row, buffers.pack_view
 
 
 def bright_lobes(
-    lobes: Float32[np.ndarray, "lobe 12"],
+    lobes: Float32[np.ndarray, "lobe 15"],
     rows: Float32[np.ndarray, "light row"],
     most: float,
     radius: float,
     faint: float = FAINT,
-) -> Float32[np.ndarray, "lobe 12"]:
+) -> Float32[np.ndarray, "lobe 15"]:
     """The lobes with the base below which each is too faint to be seen under the lights.
 
     `most` is the largest gain of a point, in parts of white for radiance 1; `radius` the mesh's, about its centre; what adds

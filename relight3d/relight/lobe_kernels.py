@@ -69,7 +69,7 @@ def brushed_base(lobe, normal, viewer, a, b, way, base):
 
 
 @fused_inlined
-def _halfway_base(lobe, position, normal, viewer, a, b, way, base):
+def halfway_base(lobe, position, normal, viewer, a, b, way, base):
     """The base of a brushed highlight, maths.halfway."""
     for i in range(len(base)):
         nx, ny, nz = normal[0, a + i], normal[1, a + i], normal[2, a + i]
@@ -109,7 +109,7 @@ def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, 
             for i in range(len(base)):
                 base[i] = aside * across[i] + ahead * along[i]
         elif lobes[k, 10] < 0:
-            _halfway_base(lobes[k], position, normal, viewer, *ends, way, base)
+            halfway_base(lobes[k], position, normal, viewer, *ends, way, base)
         else:
             brushed_base(lobes[k], normal, viewer, *ends, way, base)
         dark, num = lobes[k, 11], 0

@@ -166,23 +166,29 @@ def test_a_narrower_basis_does_not_hold_the_wider_one() -> None:
         embedding("sh2", "linear")
 
 
-def test_fitted_and_computed_light_add_up() -> None:
+@pytest.mark.parametrize(("fit", "of_mesh"), [("linear", "sh2"), ("sh2", "linear"), ("linear", "linear")])
+def test_fitted_and_computed_light_add_up(fit: str, of_mesh: str) -> None:
+    """In the functions of whichever has more."""
     rng = np.random.default_rng(1)
     fitted = Indirect(
-        "linear", "vertex", rng.normal(size=(5, 4, 3)).astype(np.float32), np.zeros((5, 3), np.float32),
+        fit, "vertex", rng.normal(size=(5, BASES[fit], 3)).astype(np.float32), np.zeros((5, 3), np.float32),
         np.array([[0.0, 0.0, 1.0]]), 0.5, 0.1, False,
     )  # fmt: skip
-    computed = bounce.Bounced("sh2", rng.normal(size=(5, BASES["sh2"], 3)))
+    computed = bounce.Bounced(of_mesh, rng.normal(size=(5, BASES[of_mesh], 3)))
     total = bounce.added(fitted, computed)
+    assert total.basis == ("sh2" if "sh2" in (fit, of_mesh) else "linear")
     omega = np.array([[0.6, 0.0, 0.8], [0.0, -0.6, 0.8]])
-    wanted = np.einsum("lb,nbc->nlc", evaluate_basis("linear", omega), fitted.coefficients)
-    wanted = wanted + np.einsum("lb,nbc->nlc", evaluate_basis("sh2", omega), computed.coefficients)
-    np.testing.assert_allclose(
-        np.einsum("lb,nbc->nlc", evaluate_basis("sh2", omega), total.coefficients), wanted, atol=1e-5
-    )
+    wanted = np.einsum("lb,nbc->nlc", evaluate_basis(fit, omega), fitted.coefficients)
+    wanted = wanted + np.einsum("lb,nbc->nlc", evaluate_basis(of_mesh, omega), computed.coefficients)
+    got = np.einsum("lb,nbc->nlc", evaluate_basis(total.basis, omega), total.coefficients)
+    np.testing.assert_allclose(got, wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("wrong", [{"num_rays": -1}, {"num_lights": -2}, {"max_patches": 0}, {"basis": "sh9"}], ids=str)
+@pytest.mark.parametrize(
+    "wrong",
+    [{"num_rays": -1}, {"num_lights": -2}, {"max_patches": 0}, {"bases": ("linear", "sh9")}, {"bases": ()}],
+    ids=str,
+)
 def test_options_are_checked(wrong: dict) -> None:
     with pytest.raises(InputError, match=r"bounce\."):
         BounceOptions(**wrong)

@@ -173,6 +173,7 @@ class HalfReference:
         view, out = self.view, np.zeros((self.lattice.num_items, 3))
         viewer = self.summed(view.points.to_viewer)
         viewer /= np.maximum(np.linalg.norm(viewer, axis=1, keepdims=True), 1e-9)
+        place = self.summed(view.points.position) / np.maximum(np.bincount(self.lattice.item, minlength=self.lattice.num_items), 1)[:, None]
         gloss = self.summed(view.lobe_gain[:, None] * view.throughput)
         surface = np.full(self.lattice.num_items, -1)
         surface[self.lattice.item] = view.surface[self.order]
@@ -181,8 +182,8 @@ class HalfReference:
         for number, lobes in enumerate(self.model.lobes):
             mine = np.flatnonzero((surface == number) & (form > 0))
             for lobe in lobes:
-                if lobe.axes[0] != lobe.axes[1]:
-                    brdf = lobe_brdf((lobe,), normal[mine], to_light[mine], viewer[mine])
+                if lobe.axes[0] != lobe.axes[1] or lobe.is_halfway:
+                    brdf = lobe_brdf((lobe,), normal[mine], to_light[mine], viewer[mine], place[mine])
                 else:
                     base = lobe.axes[0] * (toward - along)[mine] + lobe.axes[2] * along[mine]
                     brdf = np.maximum(base, 0.0)[:, None] ** lobe.exponent * lobe.color
