@@ -173,7 +173,8 @@ class HalfReference:
         view, out = self.view, np.zeros((self.lattice.num_items, 3))
         viewer = self.summed(view.points.to_viewer)
         viewer /= np.maximum(np.linalg.norm(viewer, axis=1, keepdims=True), 1e-9)
-        place = self.summed(view.points.position) / np.maximum(np.bincount(self.lattice.item, minlength=self.lattice.num_items), 1)[:, None]
+        count = np.bincount(self.lattice.item, minlength=self.lattice.num_items)
+        place = self.summed(view.points.position) / np.maximum(count, 1)[:, None]
         gloss = self.summed(view.lobe_gain[:, None] * view.throughput)
         surface = np.full(self.lattice.num_items, -1)
         surface[self.lattice.item] = view.surface[self.order]

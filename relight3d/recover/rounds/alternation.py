@@ -103,28 +103,7 @@ def _fit_indirect(
     observed, options, evidence = known.observed, stage.options.indirect, dict(fitted.evidence)
     places = sites.site_positions(stage.mesh, stage.points, options.site)
     whole = indirect.gather(stage.gather, weight * known.calm, fitted.albedo, known.target, known.direct)
-    bounced, computed, left, lit = None, 0.0, whole, fitted.design
-    if lit is None:
-        lit = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options)
-        least = indirect.left_out_error(whole, lit) * 10 ** (-stage.options.bounce.min_gain_db / 10)
-        names = stage.options.bounce.bases if options.basis == "auto" else (options.basis,)
-    else:
-        least, names = np.inf, () if fitted.bounced is None else (fitted.bounced.basis,)
-    if stage.transport is not None and names:
-        arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
-        for name in names:
-            trial = bounce.as_functions(stage.transport, arrived, name, stage.anchors, stage.softening)
-            rows = indirect.light_rows(name, observed, places, stage.anchors, stage.softening)
-            sent = bounce.at_photographs(trial, rows)
-            rest = indirect.without(whole, sent)
-            design = fitted.design
-            if design is None:
-                design = indirect.choose_basis(rest, observed, places, stage.anchors, stage.softening, options)
-                error = indirect.left_out_error(rest, design)
-                if error > least:
-                    continue
-                least = error
-            bounced, computed, left, lit = trial, sent, rest, design
+    bounced, computed, left, lit = _split(stage, observed, mirrors, fitted, places, whole)
     if fitted.design is None:
         lit, evidence["ambient", SCENE] = _judge_ambient(stage, observed, left, lit)
     solution = indirect.solve_sites(left, lit, diagnose=is_last)
@@ -142,6 +121,39 @@ def _fit_indirect(
         fitted, irradiance=irradiance, design=lit, solution=solution, bounced=bounced, trust=trust, blocked=blocked,
         evidence=evidence, sent=None if bounced is None else _at_points(stage, np.asarray(computed, np.float32)),
     )  # fmt: skip
+
+
+def _split(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, places: np.ndarray, whole
+) -> tuple[bounce.Bounced | None, np.ndarray, indirect.SiteSums, indirect.LightDesign]:
+    """What surfaces send one another, at the photographs too; what it leaves to be fitted; and the functions of that.
+
+    The first time, left-out photographs choose the functions of both, and whether anything is computed at all.
+    """
+    options = stage.options
+    lit, least = fitted.design, np.inf
+    names = () if fitted.bounced is None else (fitted.bounced.basis,)
+    if lit is None:
+        lit = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options.indirect)
+        least = indirect.left_out_error(whole, lit) * 10 ** (-options.bounce.min_gain_db / 10)
+        names = options.bounce.bases if options.indirect.basis == "auto" else (options.indirect.basis,)
+    best = None, np.zeros(1), whole, lit
+    if stage.transport is None or not names:
+        return best
+    arrived = bounce.bounced(stage.transport, fitted.albedo, fitted.surface_albedo, mirrors)
+    for name in names:
+        bounced = bounce.as_functions(stage.transport, arrived, name, stage.anchors, stage.softening)
+        rows = indirect.light_rows(name, observed, places, stage.anchors, stage.softening)
+        computed = bounce.at_photographs(bounced, rows)
+        left = indirect.without(whole, computed)
+        if fitted.design is None:
+            lit = indirect.choose_basis(left, observed, places, stage.anchors, stage.softening, options.indirect)
+            error = indirect.left_out_error(left, lit)
+            if error > least:
+                continue
+            least = error
+        best = bounced, computed, left, lit
+    return best
 
 
 def _at_points(stage: Stage, at_sites: np.ndarray) -> np.ndarray:
