@@ -26,6 +26,7 @@ class ResidualOptions:
 
     lengths_deg: tuple[float, ...] = (15.0, 30.0, 60.0, 120.0)  # of the kernel, tried in turn
     nuggets: tuple[float, ...] = (0.02, 0.1, 0.4, 1.5)  # the part of the misfit that does not carry over
+    own_nuggets: tuple[float, ...] = (0.4, 1.5, 5.0, 20.0)  # of what neighbouring pixels do not share, tried last
     max_modes: int = 16  # the misfits of all pixels are kept as combinations of so many
     energy: float = 0.995  # or of as many as hold this share of what is predicted
     min_gain_db: float = 0.25  # of left-out photographs, as a display shows it, for any misfit to be carried
@@ -34,7 +35,8 @@ class ResidualOptions:
     def __post_init__(self) -> None:
         if self.max_modes < 0:
             raise InputError("residual.max_modes", self.max_modes, "0 or more")
-        for name, values in (("lengths_deg", self.lengths_deg), ("nuggets", self.nuggets)):
+        for name in ("lengths_deg", "nuggets", "own_nuggets"):
+            values = getattr(self, name)
             if not values or not all(0 < value < np.inf for value in values):
                 raise InputError(f"residual.{name}", values, "one finite number above 0, or more")
         if not 0 < self.energy <= 1:
@@ -48,7 +50,7 @@ class ResidualFit:
     length_rad: float
     nugget: float
     gain_db: float
-    is_shared: bool = False  # only what neighbouring pixels share carries over: the rest is noise
+    own_nugget: float | None = None  # of what neighbouring pixels do not share, where it is larger: more of it is noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,19 +104,22 @@ def choose_kernel(
     if none <= 0:
         return best
 
-    def better(length_rad: float, nugget: float, is_shared: bool) -> ResidualFit:
-        trial = ResidualFit(length_rad, nugget, 0.0, is_shared)
+    def better(length_rad: float, nugget: float, own_nugget: float | None = None) -> ResidualFit:
+        trial = ResidualFit(length_rad, nugget, 0.0, own_nugget)
         left_out = float((scale * _left_out_squares(some, known, trial, deleted)).sum())
         gain = 10 * np.log10(none / max(left_out, 1e-30))
         return replace(trial, gain_db=float(gain)) if gain > best.gain_db else best
 
     for length_deg in options.lengths_deg:
         for nugget in options.nuggets:
-            best = better(float(np.radians(length_deg)), nugget, False)
-    # What pixels share reaches as far as the whole, or farther.
+            best = better(float(np.radians(length_deg)), nugget)
+    # What pixels share reaches as far as the whole, or farther; noise is in what they do not.
     for length_rad in {best.length_rad, float(np.radians(options.lengths_deg[-1]))}:
         for nugget in options.nuggets:
-            best = better(length_rad, nugget, True)
+            best = better(length_rad, nugget, np.inf)
+    for own_nugget in options.own_nuggets:
+        if own_nugget > best.nugget:
+            best = better(best.length_rad, best.nugget, own_nugget)
     return best
 
 
@@ -163,15 +168,17 @@ def _left_out_of_fits(
 
 
 def _left_out_weights(
-    known: np.ndarray, anchors: np.ndarray, fit: ResidualFit
+    known: np.ndarray, anchors: np.ndarray, length_rad: float, nugget: float
 ) -> Float[np.ndarray, "point photo photo"]:
     """How much each photograph counts where kriging predicts an entry of a point from the known others.
 
     With K of the known entries alone, entry i is missed by (K^-1 y)_i / (K^-1)_ii when it is left out (Dubrule 1983). K
     is each point's own: were its gaps filled first, they would tell of the entry that is left out.
     """
-    covariance = kernel(anchors, anchors, fit.length_rad)
-    inverse = _inverse_of_known(known, covariance, fit.nugget)
+    if nugget == np.inf:
+        return np.zeros((known.shape[1], len(known), len(known)), np.float32)
+    covariance = kernel(anchors, anchors, length_rad)
+    inverse = _inverse_of_known(known, covariance, nugget)
     own = np.einsum("pii->pi", inverse)[..., None]
     weights = np.where(known.T[..., None], -inverse / np.where(own > 0, own, 1.0), covariance @ inverse)
     np.einsum("pii->pi", weights)[...] = 0.0
@@ -192,6 +199,16 @@ def _inverse_of_known(
     return np.where(is_known, np.linalg.inv(system), 0.0)[which.ravel()]
 
 
+def _nuggets(fit: ResidualFit) -> tuple[float, float]:
+    """Of what neighbouring pixels share, and of what is a pixel's own."""
+    return fit.nugget, fit.nugget if fit.own_nugget is None else fit.own_nugget
+
+
+def _predicted(weights: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    given = np.where(known[..., None], values, 0.0).astype(np.float32)
+    return (weights @ given.transpose(1, 0, 2)).transpose(1, 0, 2)
+
+
 def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit, deleted: np.ndarray) -> np.ndarray:
     """Squared error of every entry as the others predict it, capped at four times its square in `deleted`.
 
@@ -199,13 +216,11 @@ def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit, del
     photographs left: of few photographs so little that they no longer resemble their neighbours. So photograph i is left
     out of these fits, too: it is missed by y_i / (1 - h_ii), and the others by h_ij / (1 - h_ii) y_i more.
     """
-    weights = _left_out_weights(known, misfits.anchors, fit)
-    given = np.where(known[..., None], misfits.shared if fit.is_shared else misfits.value, 0.0).astype(np.float32)
-    predicted = (weights @ given.transpose(1, 0, 2)).transpose(1, 0, 2)
-    shared, own = _left_out_of_fits(misfits, weights)
-    if fit.is_shared:
-        own = misfits.value - misfits.shared + _left_out_of_fits(misfits, np.zeros_like(weights[:1]))[1]
-    errors = np.where(known[..., None], given - predicted + shared + own, misfits.value - predicted)
+    shared, own = misfits.shared, misfits.value - misfits.shared
+    weights, of_own = (_left_out_weights(known, misfits.anchors, fit.length_rad, each) for each in _nuggets(fit))
+    predicted = _predicted(weights, known, shared) + _predicted(of_own, known, own)
+    more = _left_out_of_fits(misfits, weights)[0] + _left_out_of_fits(misfits, of_own)[1]
+    errors = misfits.value - predicted + np.where(known[..., None], more, 0.0)
     return np.minimum(errors**2, 4.0 * deleted**2 + 1e-12)
 
 
@@ -224,21 +239,23 @@ def fit_residual(
     for name in ("lit", "dark"):
         fit, of_state = fits[name], misfits[name]
         worth = fit.gain_db > options.min_state_gain_db
-        misfit = of_state.shared if fit.is_shared else of_state.value
-        parts[name] = _modes(misfit, states[name], anchors, fit, options if worth else None)
+        parts[name] = _modes(of_state, states[name], fit, options if worth else None)
     return Residual(
         parts["lit"][0], parts["lit"][1], parts["dark"][0], parts["dark"][1], anchors,
         fits["lit"].length_rad, fits["dark"].length_rad,
     )  # fmt: skip
 
 
-def _modes(misfit, is_known, anchors, fit: ResidualFit, options: ResidualOptions | None) -> tuple:
+def _modes(misfits: Misfits, is_known: np.ndarray, fit: ResidualFit, options: ResidualOptions | None) -> tuple:
     """Modes by the singular vectors of what the kriging predicts: a mode is kept for what it shows."""
-    num_photos, num_points, _ = misfit.shape
+    num_photos, num_points, _ = misfits.value.shape
     if options is None:
         return np.zeros((num_points, 0, 3), np.float32), np.zeros((0, num_photos))
-    covariance = kernel(anchors, anchors, fit.length_rad)
-    weights = _kriging_weights(misfit, is_known, covariance, fit.nugget)
+    covariance = kernel(misfits.anchors, misfits.anchors, fit.length_rad)
+    weights = np.zeros(misfits.value.shape, np.float32)
+    for part, nugget in zip((misfits.shared, misfits.value - misfits.shared), _nuggets(fit)):
+        if nugget < np.inf:
+            weights += _kriging_weights(part, is_known, covariance, nugget)
     predicted = covariance.astype(np.float32) @ weights.reshape(num_photos, -1)
     power, vectors = np.linalg.eigh((predicted @ predicted.T).astype(np.float64))
     order = np.argsort(power)[::-1]

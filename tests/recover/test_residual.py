@@ -59,14 +59,14 @@ def test_noise_is_left_behind_where_what_pixels_share_carries_over():
     shared, noise = left_by_the_fits(shared, anchors), RNG.normal(size=(16, 500, 3))
     noise -= noise.mean(axis=0)
     quiet, loud = (chosen(shared + size * noise, anchors, shared) for size in (0.001, 0.3))
-    assert loud.is_shared and loud.gain_db > 0.5
+    assert loud.own_nugget is not None and loud.own_nugget >= 5.0 and loud.gain_db > 0.5
     assert quiet.gain_db > 3.0
 
 
 # ------------------------------------------------------------------------- by hand: one photograph after the other
 
 LENGTH_DEG, NUGGET = 60.0, 0.4
-ONE_KERNEL = ResidualOptions(lengths_deg=(LENGTH_DEG,), nuggets=(NUGGET,))
+ONE_KERNEL = ResidualOptions(lengths_deg=(LENGTH_DEG,), nuggets=(NUGGET,), own_nuggets=(NUGGET,))
 
 
 def kriged(to: np.ndarray, anchors: np.ndarray, values: np.ndarray, length_deg: float = LENGTH_DEG) -> np.ndarray:
@@ -201,7 +201,7 @@ def test_the_record_predicts_what_the_photographs_do() -> None:
     known = np.ones((8, 5), bool)
     fits = {
         "lit": ResidualFit(np.radians(60.0), NUGGET, 1.0),
-        "dark": ResidualFit(np.radians(30.0), NUGGET, 1.0, is_shared=True),
+        "dark": ResidualFit(np.radians(30.0), NUGGET, 1.0, own_nugget=np.inf),
     }
     options = ResidualOptions(energy=1.0)
     found = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, fits, options)
@@ -216,6 +216,20 @@ def test_the_record_predicts_what_the_photographs_do() -> None:
     idle = {"lit": fits["lit"], "dark": ResidualFit(1.0, NUGGET, 0.05)}
     dark = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, idle, options).dark_modes
     assert dark.shape == (5, 0, 3)
+
+
+def test_what_is_a_pixels_own_is_carried_by_a_nugget_of_its_own() -> None:
+    anchors, rng = lights(8), np.random.default_rng(10)
+    value, shared = (rng.normal(size=(8, 5, 3)).astype(np.float32) for _ in range(2))
+    given, known = Misfits(value, shared, np.ones_like(value), np.ones((8, 5)), anchors), np.ones((8, 5), bool)
+    fit = ResidualFit(np.radians(60.0), NUGGET, 1.0, own_nugget=5.0)
+    states = {name: known for name in ("lit", "dark")}
+    found = fit_residual({n: given for n in states}, states, {n: fit for n in states}, ResidualOptions(energy=1.0))
+    system = kernel(anchors, anchors, fit.length_rad)
+    parts = ((shared, NUGGET), (value - shared, 5.0))
+    wanted = sum(system @ np.linalg.solve(system + n * np.eye(8), part.reshape(8, -1)) for part, n in parts)
+    got = np.einsum("lk,pkc->lpc", system @ found.lit_weights.T, found.lit_modes)
+    np.testing.assert_allclose(got.reshape(8, -1), wanted, atol=1e-4)
 
 
 def test_the_modes_kept_are_those_that_show_most() -> None:
