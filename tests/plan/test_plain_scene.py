@@ -50,6 +50,6 @@ def test_the_frame_of_the_plan_is_the_frame_with_everything_forced_on_and_cheape
     assert np.abs(cheap.render([SUN]).radiance - dear.render([SUN]).radiance).mean() < 0.002  # of about 0.2
     assert cheap.render([SUN]).stats.num_rays <= dear.render([SUN]).stats.num_rays
     pairs = np.array([(frame_times_ms(cheap, 1)[0], frame_times_ms(dear, 1)[0]) for _ in range(41)])
-    # 0.7 is measured: most of so small a frame is its start. The quickest frames are those that other work on the machine has left alone.
+    # 0.7 is measured: most of so small a frame is its start. The quickest frames are those that other work left alone.
     ours, theirs = np.quantile(pairs, 0.1, axis=0)
     assert ours < 0.95 * theirs
