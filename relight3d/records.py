@@ -202,6 +202,14 @@ class Observations:
         """Photographs taken with every light off."""
         return np.array([len(lights) == 0 for lights in self.lights], dtype=bool)
 
+    @property
+    def ambient(self) -> Float32[np.ndarray, "photo point 3"] | None:
+        """What a photograph with every light off shows, normalised as each photograph is; None without one."""
+        dark = np.flatnonzero(self.is_dark)
+        if len(dark) == 0:
+            return None
+        return self.radiance[dark[0]] * (self.scale[dark[0]] / self.scale).astype(np.float32)[:, None]
+
 
 # --------------------------------------------------------------------------------------- what is recovered
 

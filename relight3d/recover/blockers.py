@@ -61,9 +61,7 @@ def darker_than_usual(observed: Observations) -> Float32[np.ndarray, "photo poin
     Ambient light is taken off where a photograph with the lights off shows it.
     """
     gray, form = observed.radiance.mean(axis=2), observed.form.mean(axis=2)
-    dark = np.flatnonzero(observed.is_dark)
-    if len(dark):
-        ambient = observed.radiance[dark[0]] * (observed.scale[dark[0]] / observed.scale)[:, None].astype(np.float32)
+    if (ambient := observed.ambient) is not None:
         gray = gray - ambient.mean(axis=2)
     tells = observed.is_lit & observed.is_safe & ~observed.is_highlight & (observed.weight > 0)
     tells &= form > MIN_FORM * np.where(tells, form, 0.0).max(axis=0)

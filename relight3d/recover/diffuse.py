@@ -238,10 +238,8 @@ def upper_bound(
     median over pools of points, so that noise does not.
     """
     bound = np.full((num_surfaces, 3), np.inf)
-    dark = np.flatnonzero(observed.is_dark)
-    if len(dark):  # the ambient part is known: it is taken off
-        inverse = (observed.scale[dark[0]] / observed.scale).astype(np.float32)
-        target = target - target[dark[0]] * inverse[:, None]
+    if (ambient := observed.ambient) is not None:  # it is known, and taken off
+        target = target - ambient
     for s in range(num_surfaces):
         mine = np.flatnonzero((surface == s) & observed.is_interior)
         if len(mine) < 5:

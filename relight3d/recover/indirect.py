@@ -253,7 +253,7 @@ def ambient_gain_db(sums: SiteSums, lit: LightDesign) -> float:
     return float(10 * np.log10(max(without, 1e-30) / max(with_it, 1e-30)))
 
 
-def choose_basis(
+def choose_design(
     sums: SiteSums,
     observed: Observations,
     sites: np.ndarray,
@@ -261,22 +261,21 @@ def choose_basis(
     softening: float,
     options: IndirectOptions,
     most: int = 9,
-) -> LightDesign:
+) -> tuple[LightDesign, float]:
     """The basis asked for, or the one that predicts left-out photographs best; fewer functions than photographs.
 
-    Of those that `auto` tries, none with more than `most` functions.
+    Of those that `auto` tries, none with more than `most` functions. With it goes its left-out error.
     """
     names = ("constant", "linear", "sh2") if options.basis == "auto" else (options.basis,)
     fewer = min(max(len(observed.lights), 2) - 1, most if options.basis == "auto" else max(BASES.values()))
     usable = [name for name in names if BASES[name] <= fewer] or ["constant"]
     designs = [design(name, observed, sites, anchors, softening, options) for name in usable]
     errors = [left_out_error(sums, each) for each in designs]
-    best = designs[int(np.argmin(errors))]
-    if observed.is_dark.any() or np.ptp(_inverse_scale(observed)) < MIN_SPREAD:
-        return best
-    shared = [with_shared_ambient(each, observed, share) for each in designs for share in SHARES]
-    others = [left_out_error(sums, each) for each in shared]
-    return shared[int(np.argmin(others))] if min(others) < min(errors) else best
+    if not observed.is_dark.any() and np.ptp(_inverse_scale(observed)) >= MIN_SPREAD:
+        shared = [with_shared_ambient(each, observed, share) for each in designs for share in SHARES]
+        designs, errors = designs + shared, errors + [left_out_error(sums, each) for each in shared]
+    best = int(np.argmin(errors))  # the first of equal ones: a share must win
+    return designs[best], errors[best]
 
 
 def indirect_of(

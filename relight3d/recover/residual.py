@@ -199,9 +199,12 @@ def _inverse_of_known(
     return np.where(is_known, np.linalg.inv(system), 0.0)[which.ravel()]
 
 
-def _nuggets(fit: ResidualFit) -> tuple[float, float]:
-    """Of what neighbouring pixels share, and of what is a pixel's own."""
-    return fit.nugget, fit.nugget if fit.own_nugget is None else fit.own_nugget
+def _parts(misfits: Misfits, fit: ResidualFit) -> list[tuple[Float[np.ndarray, "photo point 3"], float]]:
+    """What is carried over, each with its nugget: the misfits, or what neighbouring pixels share and what they do not."""
+    if fit.own_nugget is None:
+        return [(misfits.value, fit.nugget)]
+    shared = (misfits.shared, fit.nugget)
+    return [shared] if fit.own_nugget == np.inf else [shared, (misfits.value - misfits.shared, fit.own_nugget)]
 
 
 def _predicted(weights: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -216,9 +219,11 @@ def _left_out_squares(misfits: Misfits, known: np.ndarray, fit: ResidualFit, del
     photographs left: of few photographs so little that they no longer resemble their neighbours. So photograph i is left
     out of these fits, too: it is missed by y_i / (1 - h_ii), and the others by h_ij / (1 - h_ii) y_i more.
     """
-    shared, own = misfits.shared, misfits.value - misfits.shared
-    weights, of_own = (_left_out_weights(known, misfits.anchors, fit.length_rad, each) for each in _nuggets(fit))
-    predicted = _predicted(weights, known, shared) + _predicted(of_own, known, own)
+    of_own = weights = _left_out_weights(known, misfits.anchors, fit.length_rad, fit.nugget)
+    if fit.own_nugget is not None:
+        of_own = _left_out_weights(known, misfits.anchors, fit.length_rad, fit.own_nugget)
+    parts = zip((weights, of_own), _parts(misfits, fit))
+    predicted = sum(_predicted(each, known, values) for each, (values, _) in parts)
     more = _left_out_of_fits(misfits, weights)[0] + _left_out_of_fits(misfits, of_own)[1]
     errors = misfits.value - predicted + np.where(known[..., None], more, 0.0)
     return np.minimum(errors**2, 4.0 * deleted**2 + 1e-12)
@@ -253,9 +258,8 @@ def _modes(misfits: Misfits, is_known: np.ndarray, fit: ResidualFit, options: Re
         return np.zeros((num_points, 0, 3), np.float32), np.zeros((0, num_photos))
     covariance = kernel(misfits.anchors, misfits.anchors, fit.length_rad)
     weights = np.zeros(misfits.value.shape, np.float32)
-    for part, nugget in zip((misfits.shared, misfits.value - misfits.shared), _nuggets(fit)):
-        if nugget < np.inf:
-            weights += _kriging_weights(part, is_known, covariance, nugget)
+    for part, nugget in _parts(misfits, fit):
+        weights += _kriging_weights(part, is_known, covariance, nugget)
     predicted = covariance.astype(np.float32) @ weights.reshape(num_photos, -1)
     power, vectors = np.linalg.eigh((predicted @ predicted.T).astype(np.float64))
     order = np.argsort(power)[::-1]

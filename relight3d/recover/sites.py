@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Num
 from scipy.spatial import cKDTree
 
 from relight3d.maths.least_squares import Status
@@ -90,13 +90,13 @@ def _neighbours(mesh: PatchMesh, site: str) -> sp.csr_matrix:
     return sp.diags((1.0 / degree).astype(np.float32)) @ matrix
 
 
-def of_faces(mesh: PatchMesh, values: Float64[np.ndarray, " face"], site: str) -> Float64[np.ndarray, " site"] | None:
+def of_faces(mesh: PatchMesh, values: Num[np.ndarray, " face"], site: str) -> Num[np.ndarray, " site"] | None:
     """A number of each face at the sites: at vertices that of one of their faces; None for pixels."""
     if site == "pixel":
         return None
     if site == "face":
         return values
-    at_vertex = np.zeros(len(mesh.vertices))
+    at_vertex = np.zeros(len(mesh.vertices), values.dtype)
     at_vertex[mesh.faces.ravel()] = np.repeat(values, 3)
     return at_vertex
 

@@ -93,7 +93,7 @@ def chosen(name: str, num_lights: int, most: int = 9) -> str:
     functions = evaluate_basis(name, anchors)
     irradiance = np.einsum("lu,nuc->nlc", functions, 1.0 + rng.random((NUM_SITES, functions.shape[1], 3)))
     sums = sums_of(irradiance + 0.1 * rng.normal(size=irradiance.shape), rng)
-    return indirect.choose_basis(sums, observed, NOWHERE, anchors, 1e-6, EXACT, most).basis
+    return indirect.choose_design(sums, observed, NOWHERE, anchors, 1e-6, EXACT, most)[0].basis
 
 
 def lamps(powers: np.ndarray) -> list[tuple[Light, ...]]:
@@ -167,7 +167,7 @@ def test_ambient_light_is_a_share_of_all_where_each_site_tells_too_little(share:
     """Of lamps between half and twice as strong as each other, in noise: no site tells ambient light by itself."""
     sums, observed, level = noisy_room(share, np.linspace(0.6, 1.6, 8))
     anchors = anchors_of(observed)
-    lit = indirect.choose_basis(sums, observed, NOWHERE, anchors, 1e-6, IndirectOptions())
+    lit, _ = indirect.choose_design(sums, observed, NOWHERE, anchors, 1e-6, IndirectOptions())
     assert lit.shared_ambient is not None and not lit.has_ambient and lit.tells_ambient
     assert indirect.ambient_gain_db(sums, lit) > 0.3
     record, _ = indirect.indirect_of(indirect.solve_sites(sums, lit), lit, observed, "vertex", anchors, 1e-6)
@@ -190,7 +190,7 @@ def test_without_the_shared_ambient_light_the_functions_are_as_before() -> None:
 def test_no_share_of_ambient_light_is_claimed_of_equal_lamps_or_in_the_dark() -> None:
     equal, observed, _ = noisy_room(1.0, np.full(8, 1.0))
     anchors = anchors_of(observed)
-    assert not indirect.choose_basis(equal, observed, NOWHERE, anchors, 1e-6, IndirectOptions()).tells_ambient
+    assert not indirect.choose_design(equal, observed, NOWHERE, anchors, 1e-6, IndirectOptions())[0].tells_ambient
     dark, observed, _ = noisy_room(0.0, np.linspace(0.6, 1.6, 8))
-    lit = indirect.choose_basis(dark, observed, NOWHERE, anchors_of(observed), 1e-6, IndirectOptions())
+    lit, _ = indirect.choose_design(dark, observed, NOWHERE, anchors_of(observed), 1e-6, IndirectOptions())
     assert indirect.ambient_gain_db(dark, lit) < 0.1  # SCENE_NOISE_DB: what does not exceed it is switched off

@@ -134,8 +134,8 @@ def _split(
     lit, least = fitted.design, np.inf
     names = () if fitted.bounced is None else (fitted.bounced.basis,)
     if lit is None:
-        lit = indirect.choose_basis(whole, observed, places, stage.anchors, stage.softening, options.indirect)
-        least = indirect.left_out_error(whole, lit) * 10 ** (-options.bounce.min_gain_db / 10)
+        lit, least = indirect.choose_design(whole, observed, places, stage.anchors, stage.softening, options.indirect)
+        least *= 10 ** (-options.bounce.min_gain_db / 10)
         names = options.bounce.bases if options.indirect.basis == "auto" else (options.indirect.basis,)
     best = None, np.zeros(1), whole, lit
     if stage.transport is None or not names:
@@ -147,8 +147,9 @@ def _split(
         computed = bounce.at_photographs(bounced, rows)
         left = indirect.without(whole, computed)
         if fitted.design is None:
-            lit = indirect.choose_basis(left, observed, places, stage.anchors, stage.softening, options.indirect)
-            error = indirect.left_out_error(left, lit)
+            lit, error = indirect.choose_design(
+                left, observed, places, stage.anchors, stage.softening, options.indirect
+            )
             if error > least:
                 continue
             least = error
@@ -233,14 +234,8 @@ def _owners(stage: Stage, is_textured: np.ndarray) -> tuple[np.ndarray, np.ndarr
     of_face = np.where(is_textured[surface], stage.surfaces.num_surfaces + stage.panel_of_face, surface)
     ids, of_face = np.unique(of_face, return_inverse=True)
     of_face = of_face.ravel().astype(np.int32)
-    site, owner = stage.options.indirect.site, of_face[stage.points.face]
-    if site == "pixel":
-        return owner, owner, len(ids)
-    if site == "face":
-        return owner, of_face, len(ids)
-    at_vertex = np.zeros(len(stage.mesh.vertices), np.int32)
-    at_vertex[stage.mesh.faces.ravel()] = np.repeat(of_face, 3)
-    return owner, at_vertex, len(ids)
+    owner, of_site = of_face[stage.points.face], sites.of_faces(stage.mesh, of_face, stage.options.indirect.site)
+    return owner, owner if of_site is None else of_site, len(ids)
 
 
 def trust_of(stage: Stage, observed, albedo, direct, irradiance, target) -> tuple[np.ndarray, tuple[int, ...]]:
