@@ -1,7 +1,5 @@
 """Shadows at half resolution: rays from slots, edges placed between them, and the last lights' answers kept."""
 
-from collections import OrderedDict
-
 import numpy as np
 from jaxtyping import Float32, Int32
 
@@ -12,6 +10,7 @@ from relight3d.relight.casting import cast_listed, place_borders
 from relight3d.relight.ground import ground_of
 from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.half_view import Slots, aligned
+from relight3d.relight.kept_answers import KeptAnswers
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.thrown import Thrown
@@ -24,12 +23,13 @@ Distance = Float32[np.ndarray, " slot"]  # to the shadow's edge, in pixels, at m
 NOWHERE: Distance = np.zeros(0, np.float32)  # of a patch that no slot is in
 
 
-class HalfShadows:
+class HalfShadows(KeptAnswers[Distance]):
     """The shadow rays of one view's slots. `rays` counts those of the lights asked for since `start_frame`."""
 
     def __init__(
         self, scene: RayScene, model: RelightModel, lattice: HalfLattice, slots: Slots, options: RelightOptions
     ) -> None:
+        super().__init__(options.keep_lights)
         self._scene, self._lattice, self._slots, self._options = scene, lattice, slots, options
         self._offset, self._ground = np.float32(scene.offset_distance), ground_of(model.mesh)
         num = len(lattice.point)
@@ -42,18 +42,10 @@ class HalfShadows:
         self._edges = np.full((2, lattice.num_grid), half_cast_kernels.NO_EDGE, np.float32)
         geometry = (slots.lane_position, slots.lane_geometric)
         self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
-        self._kept: OrderedDict[tuple, Distance] = OrderedDict()
-        self._room = options.keep_lights
-        self.rays: dict[str, int] = {}
-
-    def start_frame(self, num_kept: int) -> None:
-        """Begin counting rays anew; the frame needs the answers of so many lights, mirrored ones counted."""
-        self.rays = {"shadow": 0, "border": 0, "thrown": 0}
-        self._room = max(num_kept, self._options.keep_lights)
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""
-        return self._keep(geometry_key(light), lambda: self._cast(light_row(light)[None], effect))
+        return self.keep(geometry_key(light), lambda: self._cast(light_row(light)[None], effect))
 
     def thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Distance:
         """The same of the patch that a mirror throws, as if from a `virtual` light behind it: its edge is half-way.
@@ -61,16 +53,7 @@ class HalfShadows:
         NOWHERE where no slot is in it.
         """
         key = (*geometry_key(light), mirror_index)
-        return self._keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
-
-    def _keep(self, key: tuple, make) -> Distance:
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
-        while len(self._kept) >= self._room:
-            self._kept.popitem(last=False)
-        self._kept[key] = make()
-        return self._kept[key]
+        return self.keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
 
     def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Distance:
         has_shadows = self._options.shadows != "off"

@@ -1,6 +1,5 @@
 """How far each point of a view sees each light: traced, traced on a lattice, or looked up in a table."""
 
-from collections import OrderedDict
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +14,7 @@ from relight3d.relight.buffers import Buffers
 from relight3d.relight.cast_kernels import cast_tiles, find_in_tiles
 from relight3d.relight.casting import cast_listed
 from relight3d.relight.ground import ground_of
+from relight3d.relight.kept_answers import KeptAnswers
 from relight3d.relight.kernels import FULL
 from relight3d.relight.lattice import Lattice
 from relight3d.relight.light_rows import geometry_key, light_row
@@ -27,7 +27,7 @@ TILE = 2048  # points of a tile of rays
 Seen = UInt8[np.ndarray, " point"]
 
 
-class Shadows:
+class Shadows(KeptAnswers[Seen]):
     """The shadow rays of one view, and the last lights' answers: a light that did not move casts none.
 
     `rays` counts those of the lights asked for since `start_frame`.
@@ -41,6 +41,7 @@ class Shadows:
         options: RelightOptions,
         anchors: Anchors | None = None,
     ) -> None:
+        super().__init__(options.keep_lights)
         self._scene, self._buffers, self._options = scene, buffers, options
         num = len(buffers)
         self._offset = np.float32(scene.offset_distance)
@@ -48,34 +49,17 @@ class Shadows:
         self._tiles = tiles(num)
         self._index, self._state = np.empty(num, np.int32), np.zeros(num, np.uint8)
         self._thrown = Thrown(scene, model, buffers.position, buffers.geometric_normal, buffers.normal)
-        self._kept: OrderedDict[tuple, Seen] = OrderedDict()
-        self.rays: dict[str, int] = {}
-        self._room = options.keep_lights
         self._borders = Borders(scene, buffers)
         self._lattice = None if anchors is None else Lattice(scene, buffers, anchors, self._ground, self._borders)
 
-    def start_frame(self, num_kept: int) -> None:
-        """Begin counting rays anew; the frame needs the answers of so many lights, mirrored ones counted."""
-        self.rays = {"shadow": 0, "border": 0, "thrown": 0}
-        self._room = max(num_kept, self._options.keep_lights)
-
     def seen(self, light: Light, effect: str = "shadow") -> Seen:
         """How far each point sees the light, of FULL; 0 where it is turned away. Rays are counted as `effect`."""
-        return self._keep((geometry_key(light),), lambda: self._cast(light_row(light)[None], effect))
+        return self.keep((geometry_key(light),), lambda: self._cast(light_row(light)[None], effect))
 
     def thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Seen:
         """Which points get the light by way of a mirror, as if from a `virtual` light behind it."""
         key = (geometry_key(light), mirror_index)
-        return self._keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
-
-    def _keep(self, key: tuple, make) -> Seen:
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
-        while len(self._kept) >= self._room:
-            self._kept.popitem(last=False)
-        self._kept[key] = make()
-        return self._kept[key]
+        return self.keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
 
     # ------------------------------------------------------------------------------------- one light
 
