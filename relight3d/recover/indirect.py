@@ -16,6 +16,7 @@ import scipy.sparse as sp
 from jaxtyping import Float32, Float64
 
 from relight3d.errors import InputError
+from relight3d.maths.decibels import gain_db
 from relight3d.maths.least_squares import Solution, solve_normal
 from relight3d.maths.light_basis import BASES, degree_of
 from relight3d.records import Health, Indirect, Observations
@@ -249,8 +250,7 @@ def ambient_gain_db(sums: SiteSums, lit: LightDesign) -> float:
     """By how many dB left-out photographs are predicted better with ambient light than with indirect light alone."""
     if not lit.tells_ambient:
         return 0.0
-    without, with_it = left_out_error(sums, without_ambient(lit)), left_out_error(sums, lit)
-    return float(10 * np.log10(max(without, 1e-30) / max(with_it, 1e-30)))
+    return gain_db(left_out_error(sums, without_ambient(lit)), left_out_error(sums, lit))
 
 
 def choose_design(

@@ -17,6 +17,7 @@ from jaxtyping import Float32, Float64
 
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import BoundedFit, fit_bounded
+from relight3d.maths.decibels import gain_db
 from relight3d.maths.least_squares import Status, robust_scale
 from relight3d.records import Lobe
 from relight3d.shading import largest_albedo, lobe_brdf
@@ -140,7 +141,7 @@ def fit_lobes(
         # A brushed lobe has a frame to choose besides: it is taken for what the others cannot do.
         handicap = 10 ** (0.1 * max(options.min_gain_db, 0.0))
         winner = int(np.argmin(np.where(is_brushed, handicap * errors, errors)))
-        if 10 * np.log10(max(best_error, 1e-30) / max(errors[winner], 1e-30)) < options.min_gain_db:
+        if gain_db(best_error, errors[winner]) < options.min_gain_db:
             break
         chosen.append(winner)
         best_error = errors[winner]
@@ -160,7 +161,7 @@ def fit_lobes(
     if _seen_at_peak(values, _peaks(samples, refined, frames)).all():
         kept = refined
     lobes = tuple(_lobe(kind, parameters, frames) for kind, parameters in kept)
-    return _within_energy(lobes), last, float(10 * np.log10(max(none, 1e-30) / max(best_error, 1e-30)))
+    return _within_energy(lobes), last, gain_db(none, best_error)
 
 
 def _atoms(kinds: tuple[str, ...], frames: Frames) -> list[tuple[str, np.ndarray]]:

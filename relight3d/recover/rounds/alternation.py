@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from relight3d.effects import SCENE
+from relight3d.maths.decibels import gain_db
 from relight3d.maths.least_squares import Solution, robust_weights
 from relight3d.records import Mirror, Observations
 from relight3d.recover import bounce, diffuse, indirect, sites, texture
@@ -169,12 +170,8 @@ def _indirect_evidence(whole: indirect.SiteSums, left: indirect.SiteSums, lit: i
         error = min(error, indirect.unexplained(left))
     reason = "left-out photographs, leave-one-out of the linear fit"
     if left is not whole:
-        reason += f"; {_decibels(indirect.left_out_error(whole, lit), error):.1f} dB by light from surface to surface"
-    return Evidence(_decibels(none, error), SCENE_NOISE_DB, reason)
-
-
-def _decibels(before: float, after: float) -> float:
-    return float(10 * np.log10(max(before, 1e-30) / max(after, 1e-30)))
+        reason += f"; {gain_db(indirect.left_out_error(whole, lit), error):.1f} dB by light from surface to surface"
+    return Evidence(gain_db(none, error), SCENE_NOISE_DB, reason)
 
 
 def _judge_ambient(
