@@ -1,6 +1,7 @@
 """The compiled engine: a frame is shadow rays, one small indirect product, and one fused shading pass."""
 
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,6 +88,9 @@ class Engine:
         self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, weights, irradiance, images, out)
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
+
+    def bake_shadows(self, progress: Callable[[float], object]) -> None:
+        """Relighter.bake_shadows: nothing here is looked up."""
 
     def _virtual_row(self, light: Light, mirror_index: int) -> np.ndarray:
         """The light behind the mirror that its reflection seems to come from."""

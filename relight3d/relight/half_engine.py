@@ -1,5 +1,6 @@
 """Frames at half resolution: light at every second pixel each way, read at all of them along their surfaces."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +76,10 @@ class HalfEngine(Engine):
         )
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
+
+    def bake_shadows(self, progress: Callable[[float], object]) -> None:
+        """Relighter.bake_shadows."""
+        self.shadows.fill_tables(progress)
 
     def _bright_lobes(self, rows: np.ndarray) -> np.ndarray:
         """The last ones where lights at infinity did but turn."""

@@ -1,9 +1,12 @@
-"""Shadows at half resolution: rays from slots, edges placed between them, and the last lights' answers kept."""
+"""Shadows at half resolution: rays from slots and edges placed between them, or looked up; the last lights' answers kept."""
+
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Float64, Int32
 
-from relight3d.lights import Light
+from relight3d.lights import DirectionalLight, Light
 from relight3d.records import RelightModel
 from relight3d.relight import half_cast_kernels, ray_kernels
 from relight3d.relight.casting import cast_listed, place_borders
@@ -11,14 +14,19 @@ from relight3d.relight.ground import ground_of
 from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.half_view import Slots, aligned
 from relight3d.relight.kept_answers import KeptAnswers
+from relight3d.relight.kernels import PLACE
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
+from relight3d.relight.shadow_table import ShadowTable
 from relight3d.relight.thrown import Thrown
 from relight3d.relight.tiles import counters, counting
 from relight3d.tracing import RayScene, over_threads
 
 TILE, ROWS = 1024, 8  # lanes, and rows of the grid, that a thread takes at once
 
+STRAIGHT = -1  # of tables: not by a mirror
+
+Way = Float64[np.ndarray, "3"]
 Distance = Float32[np.ndarray, " slot"]  # to the shadow's edge, in pixels, at most SPACING; positive where lit
 NOWHERE: Distance = np.zeros(0, np.float32)  # of a patch that no slot is in
 
@@ -42,18 +50,76 @@ class HalfShadows(KeptAnswers[Distance]):
         self._edges = np.full((2, lattice.num_grid), half_cast_kernels.NO_EDGE, np.float32)
         geometry = (slots.lane_position, slots.lane_geometric)
         self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
+        self._mirrors = model.mirrors
+        self._tables: dict[int, ShadowTable] = {}
+        if options.shadows == "table":
+            pole = self._ground[1] if len(self._ground) else np.array([0.0, 0.0, 1.0])
+            side = round(options.table_directions**0.5)
+            of = [STRAIGHT, *(k for k, mirror in enumerate(model.mirrors) if mirror.throws_light)]
+            self._tables = {
+                k: ShadowTable(lattice, slots.geometric, side, options.table_mb // len(of), pole) for k in of
+            }
+
+    @property
+    def num_table_bytes(self) -> int:
+        """Memory of the shadows that are kept of directions."""
+        return sum(table.num_bytes for table in self._tables.values())
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""
-        return self.keep(geometry_key(light), lambda: self._cast(light_row(light)[None], effect))
+        if self._tables and isinstance(light, DirectionalLight) and self._is_above(light):
+            make = partial(self._look_up, np.asarray(light.to_light, np.float64), effect)
+        else:
+            make = partial(self._cast, light_row(light)[None], effect)
+        return self.keep(geometry_key(light), make)
 
     def thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Distance:
         """The same of the patch that a mirror throws, as if from a `virtual` light behind it: its edge is half-way.
 
         NOWHERE where no slot is in it.
         """
-        key = (*geometry_key(light), mirror_index)
-        return self.keep(key, lambda: self._cast_thrown(light, virtual[None], mirror_index))
+        if self._tables and isinstance(light, DirectionalLight):
+            make = partial(self._look_up_thrown, np.asarray(light.to_light, np.float64), mirror_index)
+        else:
+            make = partial(self._cast_thrown, light, virtual[None], mirror_index)
+        return self.keep((*geometry_key(light), mirror_index), make)
+
+    def fill_tables(self, progress: Callable[[float], object]) -> None:
+        """Cast ahead what tables may be asked for."""
+        self.start_frame(0)
+        for done, (k, table) in enumerate(self._tables.items()):
+            height = -table.step if len(self._ground) else -1.0
+            cast = self._caster(k, "shadow")
+            table.fill(cast, height, lambda part, done=done: progress((done + part) / len(self._tables)))
+
+    def _is_above(self, light: DirectionalLight) -> bool:
+        """From under the ground no slot is lit, but beside it: too sharp a change to be kept by directions."""
+        return len(self._ground) == 0 or bool(self._ground[1] @ light.to_light > 0)
+
+    def _look_up(self, way: Way, effect: str) -> Distance:
+        return self._tables[STRAIGHT].look_up(way, self._caster(STRAIGHT, effect))[0]
+
+    def _look_up_thrown(self, way: Way, mirror_index: int) -> Distance:
+        normal = self._mirrors[mirror_index].normal
+        if way @ normal <= 0:
+            return NOWHERE
+        arrival = way - 2 * (way @ normal) * normal
+        table = self._tables[mirror_index]
+        distance, num_lit = table.look_up(way, self._caster(mirror_index, "thrown"), arrival)
+        return distance if num_lit else NOWHERE
+
+    def _caster(self, of: int, effect: str) -> Callable[[Way], Distance]:
+        """What casts a direction's shadow: straight, or by a mirror."""
+        if of == STRAIGHT:
+            return lambda way: self._cast(light_row(DirectionalLight(tuple(way), 1.0))[None], effect)
+
+        def cast(way: Way) -> Distance:
+            light, normal = DirectionalLight(tuple(way), 1.0), self._mirrors[of].normal
+            row = light_row(light)
+            row[PLACE : PLACE + 3] = way - 2 * (way @ normal) * normal
+            return self._cast_thrown(light, row[None], of)
+
+        return cast
 
     def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Distance:
         has_shadows = self._options.shadows != "off"

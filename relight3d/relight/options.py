@@ -9,6 +9,7 @@ Shadows = Literal["exact", "adaptive", "table", "off"]
 Backend = Literal["auto", "numpy", "numba"]
 Shading = Literal["exact", "adaptive", "half"]
 Precision = Literal["float32", "int16", "int8"]
+TABLE_SIZES = (256, 1024, 2304, 4096, 6400, 9216, 16384, 36864)
 Preset = Literal["fast", "balanced", "exact"]
 
 
@@ -20,13 +21,16 @@ class RelightOptions:
     of range.
     """
 
-    shadows: Shadows = "exact"  # adaptive: a lattice, refined where it disagrees; table: precomputed; off: none
+    # adaptive: a lattice, refined where it disagrees; table: looked up by the light's direction (with shading "half", of
+    # lights at infinity); off: none
+    shadows: Shadows = "exact"
     borders: bool = True  # antialiased shadow borders: 3 rays between a lit and a dark neighbour
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
     shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
-    table_directions: int = 256  # of precomputed shadows: directions over the sphere, a square number
+    table_directions: int = 9216  # of looked-up shadows: over the sphere, a square number; cast when first asked for
+    table_mb: int = 512  # memory of looked-up shadows; those not used for longest make room
     # adaptive: indirect light at every fourth pixel, highlights where they can be seen; half: light at every second pixel
-    # each way, shadows too (on a lattice of its own, whatever `shadows` says but "off")
+    # each way, shadows too (on a lattice of its own, not that of "adaptive")
     shading: Shading = "exact"
     light_samples: int = 16  # shadow samples of a sphere or rectangle light; other lights cost nothing by it
     edge_samples: int = 4  # points that a pixel on an outline is cut into (a square number; 1: none)
@@ -48,7 +52,10 @@ class RelightOptions:
         _one_of("precision", self.precision, ("float32", "int16", "int8"))
         _one_of("lattice_px", self.lattice_px, (2, 4))
         _one_of("edge_samples", self.edge_samples, (1, 4, 9, 16))
-        _one_of("table_directions", self.table_directions, (64, 144, 256, 576, 1024, 2304, 4096))
+        _one_of("table_directions", self.table_directions, TABLE_SIZES)
+        _between("table_mb", self.table_mb, 1, 65536)
+        if self.shadows == "table" and self.shading != "half":
+            raise InputError("shadows", "table", 'another, or shading "half", whose slots the table is of')
         _one_of("shared_rays", self.shared_rays, (False, True))
         _between("light_samples", self.light_samples, 1, 1024)
         _between("max_bounces", self.max_bounces, 0, 8)
@@ -69,7 +76,7 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 BALANCED = RelightOptions(shadows="adaptive", lattice_px=4, shading="adaptive", precision="int8")
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(shading="half", precision="int8", max_modes=8),
+    "fast": RelightOptions(shadows="table", shading="half", precision="int8", max_modes=8),
     "balanced": BALANCED,
     "exact": RelightOptions(),
 }

@@ -226,26 +226,3 @@ def ask_thrown(
         limits[count], index[count] = reach, p
         count += 1
     return count - first
-
-
-@compiled
-def look_up_table(lights, position, geometric, normal, side, bits, first, last, seen):
-    """How far points see a light by a table of directions (`bits`: octahedral map x points), between four of them."""
-    for p in range(first, last):
-        lx, ly, lz, falloff, _ = incident(lights, 0, position[0, p], position[1, p], position[2, p])
-        if not (dot(normal, p, lx, ly, lz) > 0 and dot(geometric, p, lx, ly, lz) > 0 and falloff > 0):
-            continue
-        scale = 1 / (abs(lx) + abs(ly) + abs(lz))
-        u, v = lx * scale, ly * scale
-        if lz < 0:
-            u, v = (1 - abs(v)) * (1 if u >= 0 else -1), (1 - abs(u)) * (1 if v >= 0 else -1)
-        u, v = (u + 1) * 0.5 * side - 0.5, (v + 1) * 0.5 * side - 0.5
-        left, top = int(np.floor(u)), int(np.floor(v))
-        total = 0.0
-        for k in range(4):
-            dx, dy = k % 2, k // 2
-            weight = (u - left if dx else left + 1 - u) * (v - top if dy else top + 1 - v)
-            # The map's edge: its outermost directions stand in for what lies across.
-            row = min(max(top + dy, 0), side - 1) * side + min(max(left + dx, 0), side - 1)
-            total += weight * ((bits[row, p >> 3] >> (p & 7)) & 1)
-        seen[p] = int(total * FULL + 0.5)

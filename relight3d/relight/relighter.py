@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import copy
 from dataclasses import asdict
 from functools import lru_cache, partial
@@ -107,6 +107,15 @@ class Relighter:
             Stats(milliseconds, rays, settings, self._notes),
             partial(_terms, self._scene, self.model, self.view, self.options, centred),
         )
+
+    def bake_shadows(self, progress: Callable[[float], object] = lambda part: None) -> None:
+        """Cast ahead what `shadows="table"` keeps, so that no frame waits for it; other settings have nothing to bake.
+
+        Seconds, once a viewpoint (docs/performance.md). Without it a direction is cast when a light first comes from
+        there, which makes that frame up to three times as long. `progress` is called with the part done, 0 to 1.
+        """
+        if self._engine is not None:
+            self._engine.bake_shadows(progress)
 
     @property
     def plan(self) -> "Plan":

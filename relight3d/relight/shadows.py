@@ -1,6 +1,4 @@
-"""How far each point of a view sees each light: traced, traced on a lattice, or looked up in a table."""
-
-from functools import cached_property
+"""How far each point of a view sees each light: traced, or traced on a lattice."""
 
 import numpy as np
 from jaxtyping import Float32, Int64, UInt8
@@ -65,9 +63,6 @@ class Shadows(KeptAnswers[Seen]):
 
     def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Seen:
         seen, shadows = np.zeros(len(self._buffers), np.uint8), self._options.shadows
-        if shadows == "table":
-            self._look_up(light, seen)
-            return seen
         if shadows == "off":
             over_threads(lambda part: self._unshadowed(light, part, seen), self._tiles)
             return seen
@@ -110,46 +105,9 @@ class Shadows(KeptAnswers[Seen]):
         pairs = np.empty((2 * len(self._buffers) + 1, 3), np.int32)
         return pairs[: find_in_tiles(counter, TILE, self._buffers.neighbour, self._state, pairs)]
 
-    # ------------------------------------------------------------------------------------- table
-
-    def _look_up(self, light: np.ndarray, seen: Seen) -> None:
-        b, (side, bits) = self._buffers, self.table
-
-        def look_up(part: slice) -> None:
-            geometry = (b.position, b.geometric_normal, b.normal)
-            ray_kernels.look_up_table(light, *geometry, side, bits, part.start, part.stop, seen)
-
-        over_threads(look_up, self._tiles)
-
-    @cached_property
-    def table(self) -> tuple[int, UInt8[np.ndarray, "direction byte"]]:
-        """Side of the octahedral map of directions, and a bit for each direction and point: whether the way is free."""
-        b, side = self._buffers, round(self._options.table_directions**0.5)
-        directions = octahedral_directions(side)
-        bits = np.zeros((len(directions), -(-len(b) // 8)), np.uint8)
-        normals = np.ascontiguousarray(b.geometric_normal.T)
-        origins = self._scene.offset(b.position.T, normals)
-        for row, direction in enumerate(directions):
-            facing = np.flatnonzero(normals @ direction > 0)
-            free = np.zeros(len(b), bool)
-            free[facing] = ~self._scene.is_blocked(origins[facing], direction[None])
-            bits[row] = np.packbits(free, bitorder="little")
-        return side, bits
-
     # ------------------------------------------------------------------------------------- mirrors
 
     def _cast_thrown(self, light: Light, virtual: Float32[np.ndarray, "1 row"], mirror_index: int) -> Seen:
         seen, num = self._thrown.cast(light, virtual, mirror_index)
         self.rays["thrown"] += num
         return seen
-
-
-def octahedral_directions(side: int) -> Float32[np.ndarray, "direction 3"]:
-    """The unit directions at the centres of an octahedral map of side x side, row by row."""
-    v, u = (np.mgrid[0:side, 0:side] + 0.5).reshape(2, -1) / side * 2 - 1
-    z = 1 - np.abs(u) - np.abs(v)
-    below = z < 0
-    x = np.where(below, (1 - np.abs(v)) * np.where(u >= 0, 1, -1), u)
-    y = np.where(below, (1 - np.abs(u)) * np.where(v >= 0, 1, -1), v)
-    out = np.stack([x, y, z], axis=1)
-    return (out / np.linalg.norm(out, axis=1, keepdims=True)).astype(np.float32)

@@ -306,15 +306,6 @@ def test_adaptive_shadows_save_rays_and_hardly_differ() -> None:
     assert error < 0.01
 
 
-def test_a_finer_table_is_closer() -> None:
-    errors = [
-        lit_difference(RelightOptions(shadows="table", table_directions=num, borders=False)) for num in (64, 1024)
-    ]
-    assert all(rays == 0 for _, rays in errors)
-    assert errors[1][0] < errors[0][0] < 0.5
-    assert errors[1][0] < 0.06
-
-
 def test_presets_render() -> None:
     for name in PRESETS:
         assert np.isfinite(Relighter(models.full(), preset=name).render(models.LIGHTS["several"]).radiance).all()

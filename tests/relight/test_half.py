@@ -158,4 +158,4 @@ def test_single_rays_give_the_same(monkeypatch: pytest.MonkeyPatch, lights: list
 
 
 def test_the_fast_preset_is_half_resolution() -> None:
-    assert PRESETS["fast"].shading == "half" and SPACING == 2
+    assert PRESETS["fast"].shading == "half" and PRESETS["fast"].shadows == "table" and SPACING == 2

@@ -1,0 +1,151 @@
+"""Shadows looked up by the light's direction, beside the same shadows cast."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight3d.errors import InputError
+from relight3d.lights import DirectionalLight, Light
+from relight3d.records import RelightModel
+from relight3d.relight.options import RelightOptions
+from relight3d.relight.relighter import Relighter
+from relight3d.relight.table_kernels import PER_PIXEL
+from tests.relight import models
+
+CAST = RelightOptions(shading="half", precision="float32")
+TABLE = replace(CAST, shadows="table")
+WAYS = [DirectionalLight((x, y, 0.8), 2.0) for x, y in ((0.31, -0.42), (-0.5, 0.2), (0.07, 0.6), (-0.3, -0.5))]
+
+
+def relighters(model: RelightModel, **changes) -> tuple[Relighter, Relighter]:
+    """Of one view, with shadows cast and looked up."""
+    cast = Relighter(model, models.other_camera(model).resized(241, 180), CAST)
+    return cast, cast.with_options(replace(TABLE, **changes))
+
+
+def tables(relighter: Relighter) -> dict:
+    return relighter._engine.shadows._tables
+
+
+def distances(relighter: Relighter, light: Light) -> np.ndarray:
+    relighter.render([light])
+    shadows = relighter._engine.shadows
+    return shadows.distance(light.translated(-relighter.model.mesh.center))
+
+
+def wrong(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """The mean difference of how much of a slot is lit."""
+    lit, wanted = (np.clip(each + 0.5, 0, 1) for each in (ours, theirs))
+    return float(np.abs(lit - wanted).mean())
+
+
+def own_direction(relighter: Relighter) -> DirectionalLight:
+    """One of those that the table casts."""
+    table = tables(relighter)[-1]
+    k = np.argmin(np.linalg.norm(table._ways - np.array([0.3, -0.4, 0.86]), axis=1))
+    return DirectionalLight(tuple(table._ways[k]), 2.0)
+
+
+def test_a_table_s_own_direction_is_what_was_cast() -> None:
+    """But for a step of a byte; slots beside the grid only say lit or not."""
+    cast, looked_up = relighters(models.full())
+    light = own_direction(looked_up)
+    ours, theirs = distances(looked_up, light), distances(cast, light)
+    grid = cast._engine.lattice.num_grid
+    way = np.asarray(light.to_light, np.float32)
+    near = (np.abs(theirs[:grid]) < 1.9) & (way @ looked_up._engine.slots.geometric[:, :grid] > 0)
+    np.testing.assert_allclose(ours[:grid][near], theirs[:grid][near], atol=0.51 / PER_PIXEL)
+    is_clear = np.abs(theirs) > 0.1
+    np.testing.assert_array_equal((ours > 0)[is_clear], (theirs > 0)[is_clear])
+
+
+def test_between_directions_more_of_them_are_closer() -> None:
+    errors = []
+    for num in (256, 2304, 16384):
+        cast, looked_up = relighters(models.plain(), table_directions=num)
+        errors.append(np.mean([wrong(distances(looked_up, way), distances(cast, way)) for way in WAYS]))
+    assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
+    assert errors[2] < 0.004
+
+
+def test_edges_between_directions_stay_sharp() -> None:
+    """Three shadows one over the other would have three faint edges: half-lit slots are as few as in cast shadows."""
+    cast, looked_up = relighters(models.plain(), table_directions=2304)
+    for way in WAYS:
+        ours, theirs = ((np.abs(distances(each, way)) < 0.4).mean() for each in (looked_up, cast))
+        assert ours < 1.6 * theirs + 0.002
+
+
+def test_the_first_frame_casts_and_the_next_ones_do_not() -> None:
+    _, looked_up = relighters(models.full())
+    first = looked_up.render([WAYS[0]])
+    assert first.stats.rays["shadow"] > 0
+    near = DirectionalLight((0.3101, -0.42, 0.8), 2.0)
+    again = looked_up.render([near])
+    assert again.stats.num_rays == 0
+    other = looked_up.render([WAYS[1]])
+    assert other.stats.num_rays > 0
+
+
+def test_baked_frames_cast_no_ray() -> None:
+    _, looked_up = relighters(models.full(), table_directions=256)
+    parts: list[float] = []
+    looked_up.bake_shadows(parts.append)
+    assert parts[-1] == 1.0 and parts == sorted(parts)
+    frames = [looked_up.render([way]) for way in WAYS]
+    assert all(frame.stats.num_rays == 0 for frame in frames)
+    lazily = relighters(models.full(), table_directions=256)[1]
+    for way, frame in zip(WAYS, frames):
+        np.testing.assert_array_equal(frame.radiance, lazily.render([way]).radiance)
+
+
+def test_other_settings_have_nothing_to_bake() -> None:
+    for options in (RelightOptions(), CAST, RelightOptions(backend="numpy")):
+        Relighter(models.plain(), options=options).bake_shadows()
+
+
+def test_thrown_light_is_looked_up() -> None:
+    """The patch that the mirror throws: near the cast one, and nowhere where the light is behind the mirror."""
+    model = models.full()
+    cast, looked_up = relighters(model)
+    mirror = model.mirrors[0].normal
+    light = DirectionalLight(tuple(mirror + np.array([0.2, 0.1, 0.6])), 2.0)
+    pair = [each.render([light]).radiance for each in (cast, looked_up)]
+    without = cast.with_options(replace(CAST, thrown=False)).render([light]).radiance
+    thrown, lost = np.abs(without - pair[0]).mean(), np.abs(pair[1] - pair[0]).mean()
+    assert thrown > 0 and lost < 0.25 * thrown
+    behind = DirectionalLight(tuple(np.array([0.2, 0.1, 0.6]) - mirror), 2.0)
+    assert looked_up.render([behind]).stats.rays["thrown"] == 0
+
+
+def test_lamps_and_lights_from_below_are_cast() -> None:
+    cast, looked_up = relighters(models.full())
+    for light in (models.LAMP, models.SPOT, DirectionalLight((0.2, 0.3, -0.5), 2.0)):
+        ours, theirs = (each.render([light]) for each in (looked_up, cast))
+        assert not tables(looked_up)[-1]._kept
+        if light.kind != "directional":  # of a light from below, what a mirror throws is looked up
+            np.testing.assert_array_equal(ours.radiance, theirs.radiance)
+            assert ours.stats.rays == theirs.stats.rays
+
+
+def test_memory_is_bounded_and_what_was_used_last_stays() -> None:
+    _, looked_up = relighters(models.plain(), table_mb=1)
+    table, shadows = tables(looked_up)[-1], looked_up._engine.shadows
+    room = table._room
+    assert 3 < room < 200
+    ways = np.random.default_rng(0).normal(size=(120, 3))
+    for way in ways[ways[:, 2] > 0.2]:
+        looked_up.render([DirectionalLight(tuple(way), 1.0)])
+    assert len(table._kept) == room and shadows.num_table_bytes <= 1e6
+    last = looked_up.render([DirectionalLight(tuple(way + 1e-5), 1.0)])
+    assert last.stats.num_rays == 0
+
+
+def test_a_table_needs_half_resolution() -> None:
+    with pytest.raises(InputError, match="half"):
+        RelightOptions(shadows="table")
+    with pytest.raises(InputError, match="table_directions"):
+        RelightOptions(shadows="table", shading="half", table_directions=100)
+    with pytest.raises(InputError, match="table_mb"):
+        RelightOptions(shadows="table", shading="half", table_mb=0)
