@@ -195,9 +195,7 @@ class Observations:
     is_highlight: Bool[np.ndarray, "photo point"]  # a highlight is possible here by geometry alone
     is_interior: Bool[np.ndarray, " point"]  # off the outlines, where a pixel mixes two surfaces
     num_rays: int = 0
-    blocked_share: tuple[
-        float, ...
-    ] = ()  # of what each photograph's lights reach: left out, in a shadow of nothing known
+    blocked_share: tuple[float, ...] = ()  # of what each photograph's lights reach: left out, in a shadow of nothing known
 
     @property
     def is_dark(self) -> Bool[np.ndarray, " photo"]:

@@ -79,7 +79,7 @@ _RENDER: list[tuple[str, str, dict[str, Any]]] = [
     ("shadows", "lattice of 2 px", {"shadows": "adaptive"}),
     ("shadows", "lattice of 4 px", {"shadows": "adaptive", "lattice_px": 4}),
     ("shadows", "lattice of 4 px, shared rays", {"shadows": "adaptive", "lattice_px": 4, "shared_rays": True}),
-    ("shadows", "looked up, 9216 directions", {"shading": "half", "shadows": "table"}),
+    ("shadows", "looked up, 16384 directions", {"shading": "half", "shadows": "table"}),
     ("shadows", "looked up, 4096 directions", {"shading": "half", "shadows": "table", "table_directions": 4096}),
     ("shadows", "none", {"shadows": "off"}),
     ("shadow borders", "hard", {"borders": False}),

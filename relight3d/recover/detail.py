@@ -194,6 +194,4 @@ def _thin(data: DetailData, part: slice) -> DetailData:
 def _photos(data: DetailData, photos: np.ndarray) -> DetailData:
     """Some of the photographs."""
     chosen = {n: getattr(data, n)[photos] for n in ("to_light", "falloff", "measured", "other", "weight")}
-    return DetailData(
-        **chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position
-    )
+    return DetailData(**chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position)

@@ -239,9 +239,7 @@ def _background(stage: Stage, observed: Observations, model: RelightModel, rows:
     sums = indirect.SiteSums(weight, weight * observed.radiance[:, rows].transpose(1, 0, 2))
     nowhere = np.zeros((1, 3), np.float32)
     most = BASES[model.indirect.basis]
-    lit, _ = indirect.choose_design(
-        sums, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect, most
-    )
+    lit, _ = indirect.choose_design(sums, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect, most)
     solution = indirect.solve_sites(sums, lit)
     record, _ = indirect.indirect_of(solution, lit, observed, "pixel", stage.anchors, stage.softening)
     points = stage.points.take(rows)

@@ -8,6 +8,7 @@ are stored sixteen pixels side by side: a vector register holds one mode of a wh
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
@@ -15,6 +16,7 @@ from jaxtyping import Float32, Float64, Int32
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
 from relight3d.relight.lazy_view import LazyView
+from relight3d.relight.lobe_kernels import write_tangents
 from relight3d.relight.modes import Modes, modes_elsewhere, pack_modes
 from relight3d.relight.pack_kernels import number_used, pack_reflectance, read_faces
 from relight3d.relight.tiles import rank_of_pixel, tiles
@@ -47,6 +49,9 @@ class Buffers:
     geometric_normal: Float32[np.ndarray, "3 point"]
     normal: Float32[np.ndarray, "3 point"]
     to_viewer: Float32[np.ndarray, "3 point"]
+    tangent: Float32[
+        np.ndarray, "plane point"
+    ]  # three planes for each lobe that is not round, as many as a surface has
     diffuse: Float32[np.ndarray, "3 point"]  # albedo / pi * throughput
     gloss: Float32[np.ndarray, "3 point"]  # lobe gain * throughput
     surface: Int32[np.ndarray, " point"]
@@ -98,14 +103,20 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
     modes = None
     if residual is not None:
         modes = pack_modes(model, residual, view, order, pixel_of_rank, start, to_viewer, precision)
+    position, normal, surface = (
+        _planes(sorted_rows(points.position)),
+        _planes(sorted_rows(view.normal)),
+        sorted_rows(view.surface),
+    )
     return Buffers(
-        position=_planes(sorted_rows(points.position)),
+        position=position,
         geometric_normal=_planes(sorted_rows(points.geometric_normal)),
-        normal=_planes(sorted_rows(view.normal)),
+        normal=normal,
         to_viewer=to_viewer,
+        tangent=tangents_of(lobes, lobe_start, surface, position, normal),
         diffuse=diffuse,
         gloss=gloss,
-        surface=sorted_rows(view.surface),
+        surface=surface,
         lobe_start=lobe_start,
         lobes=lobes,
         steps=lambda index: view.step[order[index]],
@@ -130,6 +141,7 @@ def _packed_already(model: RelightModel, view: LazyView, precision: str) -> Buff
         geometric_normal=packed.geometric,
         normal=packed.normal,
         to_viewer=packed.to_viewer,
+        tangent=tangents_of(lobes, lobe_start, packed.surface, packed.position, packed.normal),
         diffuse=packed.diffuse,
         gloss=packed.gloss,
         surface=packed.surface,
@@ -175,6 +187,22 @@ def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
         ends.append(len(rows))
     table = np.array(rows, np.float32).reshape(-1, 15)
     return table, np.array(ends, np.int32)
+
+
+def tangents_of(
+    lobes: Float32[np.ndarray, "lobe 15"],
+    lobe_start: Int32[np.ndarray, " surface_and_end"],
+    surface: Int32[np.ndarray, " point"],
+    position: Float32[np.ndarray, "3 point"],
+    normal: Float32[np.ndarray, "3 point"],
+) -> Float32[np.ndarray, "plane point"]:
+    """Of each surface's lobes that are not round, one after the other: the tangents at its points. No planes without any."""
+    counts = [int((lobes[a:b, 10] <= 0).sum()) for a, b in pairwise(lobe_start)]
+    out = np.zeros((3 * max(counts, default=0), len(surface)), np.float32)
+    if len(out):
+        given = (surface, lobe_start, lobes, position, normal, out)
+        over_threads(lambda part: write_tangents(part.start, part.stop, *given), tiles(len(surface)))
+    return out
 
 
 # --------------------------------------------------------------------------------------- indirect light

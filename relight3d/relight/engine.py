@@ -107,7 +107,7 @@ class Engine:
         b, sites = self.buffers, self.sites
         (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
-        points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
+        points = (b.position, b.normal, b.to_viewer, b.tangent, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
 
         def shade(counter: np.ndarray) -> None:
             pixel_kernels.shade(

@@ -46,7 +46,7 @@ class FillEngine(Engine):
             fill_kernels.blend(*self._blend, irradiance, at_anchors)
             irradiance = at_anchors
         lobes = bright_lobes(b.lobes, rows, self._most_gloss * self.model.exposure, self.model.mesh.radius)
-        points = (b.position, b.normal, b.to_viewer, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
+        points = (b.position, b.normal, b.to_viewer, b.tangent, b.diffuse, b.gloss, b.surface, b.lobe_start, lobes)
 
         def fill(counter: np.ndarray) -> None:
             fill_kernels.fill(

@@ -67,8 +67,8 @@ def _add_irradiance(lights, light, n, work):
 
 @fused
 def fill(
-    counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, diffuse, gloss, surface,
-    lobe_start, lobes, irradiance, source, share, images, lit, dark, work, pixels, out,
+    counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, tangent, diffuse, gloss,
+    surface, lobe_start, lobes, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """pixel_kernels.shade with indirect light read off anchors (`irradiance`; length 0 for none).
 
@@ -102,7 +102,7 @@ def fill(
                 continue
             _add_irradiance(lights, light, n, work)
             if len(lobes):
-                add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work)
+                add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, tangent, gloss, a, b, work)
         for c in range(3):
             albedo, total, arriving = diffuse[c, a:b], work[TOTAL + c, :n], work[IRRADIANCE + c, :n]
             for i in range(n):

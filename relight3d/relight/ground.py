@@ -8,6 +8,7 @@ from jaxtyping import Float64
 from relight3d.records import PatchMesh
 
 MAX_EDGES = 16
+ALIKE = 0.95  # of the largest piece's area: as large
 NO_GROUND = np.zeros((0, 3))
 
 _grounds: "WeakKeyDictionary[PatchMesh, np.ndarray]" = WeakKeyDictionary()
@@ -30,8 +31,12 @@ def _find_ground(mesh: PatchMesh) -> Float64[np.ndarray, "row 3"]:
     keys = np.rint(np.column_stack([normals * 50, offsets * 500])).astype(np.int64)
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.ravel()
-    largest = group == np.argmax(np.bincount(group, weights=areas))
-    widest = np.flatnonzero(largest)[np.argmax(areas[largest])]
+    area = np.bincount(group, weights=areas)
+    widest = [np.flatnonzero(group == k)[np.argmax(areas[group == k])] for k in np.flatnonzero(area > ALIKE * area.max())]
+    # A slab has two sides of one size: things stand on the one that has more of the mesh in front of it.
+    corner = corners.reshape(-1, 3) / mesh.radius
+    in_front = [np.count_nonzero(corner @ normals[k] > offsets[k] + 1e-4) for k in widest]
+    widest = widest[int(np.argmax(in_front))]
     normal, offset = normals[widest], offsets[widest]
     belongs = (normals @ normal > 1 - 1e-6) & (np.abs(offsets - offset) < 1e-5)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])

@@ -122,7 +122,7 @@ class HalfEngine(Engine):
             half_kernels.fill(
                 counter, (lattice.columns, lattice.rows), (camera.width, camera.height), lattice.row_start,
                 lattice.loose_start, lattice.corner, lattice.share, lattice.pixel, rows, distance, ways, toward, irradiance,
-                items.normal, items.diffuse, items.facing, items.viewer, items.surface, items.shining, items.gloss,
+                items.normal, items.diffuse, items.facing, items.tangent, items.surface, items.shining, items.gloss,
                 items.steps, self.buffers.lobe_start, lobes, (items.lit, weights[0]), (items.dark, weights[1]), adds,
                 aligned((NUM_HALF_ROWS, self._longest)), flat,
             )  # fmt: skip

@@ -132,7 +132,7 @@ def _write(row, size, columns, loose, pixel, adds, work, out):
 @fused
 def fill(
     counter, shape, size, row_start, loose, corner, share, pixel, lights, distance, ways, toward, irradiance, normal,
-    diffuse, facing, viewer, surface, shining, gloss, steps, lobe_start, lobes, lit, dark, adds, work, out,
+    diffuse, facing, tangent, surface, shining, gloss, steps, lobe_start, lobes, lit, dark, adds, work, out,
 ):  # fmt: skip
     """Radiance of rows of the grid, as long as there are any.
 
@@ -167,11 +167,12 @@ def fill(
                     _read(toward[light], row, columns, corner, share, loose, work[ACROSS])
                     work[FORM, n:length] = ZERO
                     split_facing(facing, steps[7], first, n, work)
-                    if len(viewer) and lights[light, KIND] == AT_INFINITY:
+                    if len(tangent) and lights[light, KIND] == AT_INFINITY:
                         for k in range(3):
                             work[WAY + k, :length] = lights[light, PLACE + k]
                     add_highlights(
-                        lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, length, work
+                        lights, light, lobes, lobe_start, shining, surface, gloss, facing, tangent, steps, first,
+                        length, work,
                     )  # fmt: skip
             if light < len(lit[1]):
                 add_residual(lights, light, lit, dark, first, length, work)

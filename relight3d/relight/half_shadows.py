@@ -17,7 +17,7 @@ from relight3d.relight.kept_answers import KeptAnswers
 from relight3d.relight.kernels import PLACE
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shadow_table import ShadowTable
+from relight3d.relight.shadow_table import Kept, ShadowTable
 from relight3d.relight.thrown import Thrown
 from relight3d.relight.tiles import counters, counting
 from relight3d.tracing import RayScene, over_threads
@@ -51,19 +51,14 @@ class HalfShadows(KeptAnswers[Distance]):
         geometry = (slots.lane_position, slots.lane_geometric)
         self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
         self._mirrors = model.mirrors
+        self.directions: Kept | None = None  # that tables know
         self._tables: dict[int, ShadowTable] = {}
         if options.shadows == "table":
             pole = self._ground[1] if len(self._ground) else np.array([0.0, 0.0, 1.0])
             side = round(options.table_directions**0.5)
             of = [STRAIGHT, *(k for k, mirror in enumerate(model.mirrors) if mirror.throws_light)]
-            self._tables = {
-                k: ShadowTable(lattice, slots.geometric, side, options.table_mb // len(of), pole) for k in of
-            }
-
-    @property
-    def num_table_bytes(self) -> int:
-        """Memory of the shadows that are kept of directions."""
-        return sum(table.num_bytes for table in self._tables.values())
+            self.directions = Kept(num, options.table_mb)
+            self._tables = {k: ShadowTable(lattice, slots.geometric, side, pole, self.directions, k) for k in of}
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""

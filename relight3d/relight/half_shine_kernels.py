@@ -2,15 +2,16 @@
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, ONE, ZERO, fused, fused_inlined
+from relight3d.relight.kernels import COLOR, ONE, TINY, ZERO, fused, fused_inlined
 from relight3d.relight.lanes import add_rows, shines
-from relight3d.relight.lobe_kernels import brushed_base, halfway_base, power
+from relight3d.relight.lobe_kernels import power
 from relight3d.relight.modes import LANES
 
 # Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
-# to a lamp and its falloff; a lobe's sum and base; how much is dark.
+# to a lamp and its falloff; a lobe's sum and base; how much is dark; how far a block's light and viewer lie along tangents.
 TOTAL, ARRIVING, LIT_PART, FORM, COSINE, ALONG, ACROSS = 0, 3, 6, 7, 8, 9, 10
-WAY, FALLOFF, SUM, BASE, REST, NUM_HALF_ROWS = 11, 14, 15, 18, 19, 20
+WAY, FALLOFF, SUM, BASE, REST, OF_LIGHT, OF_VIEWER, NUM_HALF_ROWS = 11, 14, 15, 18, 19, 20, 21, 22
+TWO = np.float32(2)
 
 
 @fused
@@ -24,13 +25,59 @@ def split_facing(facing, step, first, n, work):
 
 
 @fused_inlined
+def _along_tangent(tangent, plane, step, begin, way, of_light, of_viewer):
+    """How far the light and the viewer lie along the tangents of a block of items."""
+    tx, ty, tz = (
+        tangent[plane, begin : begin + LANES],
+        tangent[plane + 1, begin : begin + LANES],
+        tangent[plane + 2, begin : begin + LANES],
+    )
+    along = tangent[plane + 3, begin : begin + LANES]
+    wx, wy, wz = way
+    for i in range(LANES):
+        of_light[i] = step * (np.float32(tx[i]) * wx[i] + np.float32(ty[i]) * wy[i] + np.float32(tz[i]) * wz[i])
+    for i in range(LANES):
+        of_viewer[i] = step * np.float32(along[i])
+
+
+@fused_inlined
+def _brushed_base(lobe, along, across, of_light, of_viewer, base):
+    """The base of an anisotropic Lafortune lobe (lobe_kernels)."""
+    for i in range(LANES):
+        both = of_light[i] * of_viewer[i]
+        base[i] = lobe[3] * both + lobe[4] * (across[i] - both) + lobe[5] * along[i]
+
+
+@fused_inlined
+def _halfway_base(lobe, along, across, cosine, facing, step, of_light, of_viewer, base):
+    """The base of a brushed highlight (maths.halfway) from the half-way vector's length and its parts."""
+    for i in range(LANES):
+        whole = TWO + TWO * (across[i] + along[i])
+        ahead, aside = cosine[i] + step * np.float32(facing[i]), of_light[i] + of_viewer[i]
+        forward, sideways = ahead * ahead, aside * aside
+        rest = max(whole - forward - sideways, ZERO)
+        base[i] = min((whole + TINY) / (lobe[3] * sideways + lobe[4] * rest + lobe[5] * forward + TINY), ONE)
+
+
+@fused_inlined
+def _shows(base, dark, form, surface, which):
+    """Whether one of a block's items is of the surface, lit, and of a base above `dark`."""
+    num = 0
+    for i in range(LANES):
+        num += (base[i] > dark) & (form[i] > 0) & (surface[i] == which)
+    return num > 0
+
+
+@fused_inlined
 def _add_highlights_of_block(
-    lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, block, work
+    lights, light, lobes, lobe_start, shining, surface, gloss, facing, tangent, steps, first, block, work
 ):
     """The highlights of a block of items: of the surfaces in it that have lobes (`shining`: -1 for none), where seen."""
-    way = (work[WAY, block * LANES :], work[WAY + 1, block * LANES :], work[WAY + 2, block * LANES :])
     a = block * LANES
     begin = first + a
+    way = (work[WAY, a : a + LANES], work[WAY + 1, a : a + LANES], work[WAY + 2, a : a + LANES])
+    of_light, of_viewer = work[OF_LIGHT, :LANES], work[OF_VIEWER, :LANES]
+    cosine, outward = work[COSINE, a : a + LANES], facing[begin : begin + LANES]
     all_along, all_across, all_form, all_of = work[ALONG], work[ACROSS], work[FORM], surface[first:]
     along, across, form = work[ALONG, a : a + LANES], work[ACROSS, a : a + LANES], work[FORM, a : a + LANES]
     mine, base = surface[begin : begin + LANES], work[BASE, :LANES]
@@ -40,15 +87,21 @@ def _add_highlights_of_block(
         which = shining[begin // LANES, s]
         if which < 0:
             break
+        plane = 0
         for k in range(lobe_start[which], lobe_start[which + 1]):
             aside, ahead, dark = lobes[k, 3], lobes[k, 5], lobes[k, 11]
             if lobes[k, 10] > 0:
                 if not shines(all_along, all_across, all_of, all_form, a, LANES, aside, ahead, dark, which):  # pyright: ignore[reportCallIssue]
                     continue
-            elif lobes[k, 10] < 0:
-                halfway_base(lobes[k], viewer[6:], viewer[3:], viewer[:3], begin, begin + LANES, way, base)
             else:
-                brushed_base(lobes[k], viewer[3:], viewer[:3], begin, begin + LANES, way, base)
+                _along_tangent(tangent, plane, steps[8], begin, way, of_light, of_viewer)
+                plane += 4
+                if lobes[k, 10] < 0:
+                    _halfway_base(lobes[k], along, across, cosine, outward, steps[7], of_light, of_viewer, base)
+                else:
+                    _brushed_base(lobes[k], along, across, of_light, of_viewer, base)
+                if not _shows(base, dark, form, mine, which):
+                    continue
             if not begun:
                 red[:], green[:], blue[:] = ZERO, ZERO, ZERO
                 begun = True
@@ -74,12 +127,14 @@ def _add_highlights_of_block(
 
 
 @fused
-def add_highlights(lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, length, work):
+def add_highlights(
+    lights, light, lobes, lobe_start, shining, surface, gloss, facing, tangent, steps, first, length, work
+):
     """The highlights of a row's items, block by block."""
     for block in range(length // LANES):
         if shining[first // LANES + block, 0] >= 0:
             _add_highlights_of_block(
-                lights, light, lobes, lobe_start, shining, surface, gloss, steps, viewer, first, block, work
+                lights, light, lobes, lobe_start, shining, surface, gloss, facing, tangent, steps, first, block, work
             )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32, Int16, Int32, Num
 
 from relight3d.records import RelightModel, Residual
-from relight3d.relight.buffers import Buffers
+from relight3d.relight.buffers import Buffers, tangents_of
 from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.lazy_view import LazyView
 from relight3d.relight.modes import LANES, NO_ROWS, Rows, in_blocks, loudness_of, read_shares, unseen_part
@@ -39,15 +39,15 @@ class Slots:
 class Items:
     """What is shown, in the order of HalfLattice: zero where a row has no item.
 
-    `normal`, `diffuse`, `gloss` and `facing` are float32, or int16 of which `steps` says how much one is.
+    Planes of numbers are float32, or int16 of which `steps` says how much one is.
     """
 
     normal: Num[np.ndarray, "3 item"]
     diffuse: Num[np.ndarray, "3 item"]  # albedo / pi * throughput
     gloss: Num[np.ndarray, "axis shiny"]  # lobe gain * throughput; the next four too of length 0 without lobes
     facing: Num[np.ndarray, " shiny"]  # the cosine between the normal and the direction to the viewer
-    steps: Float32[np.ndarray, "8"]  # of the normal, three of diffuse, three of gloss, of facing
-    viewer: Float32[np.ndarray, "nine brushed"]  # that direction, the normal and the place, where a lobe is not round
+    tangent: Num[np.ndarray, "plane brushed"]  # of each lobe that is not round: the tangent, and it along the viewer
+    steps: Float32[np.ndarray, "9"]  # of the normal, three of diffuse, three of gloss, of facing, of the tangent
     surface: Int16[np.ndarray, " item"]
     shining: Int32[np.ndarray, "block some"]  # the surfaces with lobes in each block of LANES items, then -1
     lit: Rows  # the residual's modes, by blocks of items
@@ -100,31 +100,44 @@ def pack_items(
     normal, surface = summed(buffers.normal), np.full(num, -1, np.int16)
     normal /= np.maximum(np.linalg.norm(normal, axis=0), 1e-9)
     surface[item] = buffers.surface
-    gloss, facing, viewer, shining = NO_PLANES, np.zeros(0, np.float32), NO_PLANES, np.zeros((0, 0), np.int32)
+    gloss, facing, tangent, shining = NO_PLANES, np.zeros(0, np.float32), NO_PLANES, np.zeros((0, 0), np.int32)
     if len(buffers.lobes):
         viewer = summed(buffers.to_viewer)
         viewer /= np.maximum(np.linalg.norm(viewer, axis=0), 1e-9)
         gloss, facing = summed(buffers.gloss), np.einsum("cp,cp->p", normal, viewer)
         shining = _shining(surface.reshape(-1, LANES), np.diff(buffers.lobe_start) > 0)
-        is_round = buffers.lobes[:, 10] > 0
         place = summed(buffers.position) / np.maximum(np.bincount(item, minlength=num), 1).astype(np.float32)
-        viewer = NO_PLANES if is_round.all() else np.concatenate([viewer, normal, place])
+        tangent = _tangents(buffers, surface, place, normal, viewer)
     lit = dark = NO_ROWS
     if residual is not None:
         lit, dark = _modes(lattice, model, residual, view, buffers, precision)
-    planes, steps = _in_steps([normal, summed(buffers.diffuse), gloss, facing], precision)
+    planes, steps = _in_steps([normal, summed(buffers.diffuse), gloss, facing, tangent], precision)
     planes, surface = [_on_line(plane) for plane in planes], _on_line(surface)
     lit, dark = (rows._replace(entries=_on_line(rows.entries)) for rows in (lit, dark))
-    return Items(planes[0], planes[1], planes[2], planes[3], steps, viewer, surface, shining, lit, dark)
+    return Items(planes[0], planes[1], planes[2], planes[3], planes[4], steps, surface, shining, lit, dark)
 
 
-def _in_steps(planes: list[np.ndarray], precision: str) -> tuple[list[np.ndarray], Float32[np.ndarray, "8"]]:
-    """Normals, diffuse, gloss and facing in int16, and the steps of each; as they are in float32."""
-    steps = np.ones(8, np.float32)
+def _tangents(
+    buffers: Buffers,
+    surface: Int16[np.ndarray, " item"],
+    place: Float32[np.ndarray, "3 item"],
+    normal: Float32[np.ndarray, "3 item"],
+    viewer: Float32[np.ndarray, "3 item"],
+) -> Float32[np.ndarray, "plane item"]:
+    """Items.tangent."""
+    given = (buffers.lobes, buffers.lobe_start, np.maximum(surface, 0).astype(np.int32))
+    tangents = tangents_of(*given, place, normal).reshape(-1, 3, len(surface))
+    along = np.einsum("kcp,cp->kp", tangents, viewer)
+    return np.concatenate([tangents, along[:, None]], axis=1).reshape(4 * len(tangents), -1 if len(tangents) else 0)
+
+
+def _in_steps(planes: list[np.ndarray], precision: str) -> tuple[list[np.ndarray], Float32[np.ndarray, "9"]]:
+    """Normals, diffuse, gloss, facing and tangents in int16, and the steps of each; as they are in float32."""
+    steps = np.ones(9, np.float32)
     if precision == "float32":
         return planes, steps
     out = []
-    for part, plane in zip((slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 8)), planes):
+    for part, plane in zip((slice(0, 1), slice(1, 4), slice(4, 7), slice(7, 8), slice(8, 9)), planes):
         axis = 1 if part in (slice(1, 4), slice(4, 7)) and plane.size else None
         most = np.maximum(np.abs(plane).max(axis=axis, initial=0.0), 1e-30)
         steps[part] = most / np.float32(32767)

@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, ONE, ZERO, bits_of, float_of, fused_inlined
+from relight3d.relight.kernels import COLOR, ONE, ZERO, bits_of, float_of, fused, fused_inlined
 
-# Rows of a block's workspace: radiance; direction to the light; form; lobes' colour; bases, and what they are made of.
-TOTAL, WAY, FORM, LOBES, BASE, ALONG, ACROSS, NUM_ROWS = 0, 3, 6, 7, 10, 11, 12, 13
+# Rows of a block's workspace: radiance; direction to the light; form; lobes' colour; bases, and what they are made of, of
+# lobes that are not round too.
+TOTAL, WAY, FORM, LOBES, BASE, ALONG, ACROSS, REST, NUM_ROWS = 0, 3, 6, 7, 10, 11, 12, 13, 18
 TWO, HALF, LN2, PER_LN2 = np.float32(2), np.float32(0.5), np.float32(math.log(2)), np.float32(1 / math.log(2))
 LOG_3, LOG_5, LOG_7, LOG_9 = (np.float32(1 / k) for k in (3, 5, 7, 9))  # atanh's series, for the logarithm
 EXP_3, EXP_4, EXP_5, EXP_6 = (np.float32(1 / math.factorial(k)) for k in (3, 4, 5, 6))
@@ -47,71 +48,103 @@ def _split_facing(normal, viewer, a, b, way, along, across):
         across[i] = wx[i] * vx[i] + wy[i] * vy[i] + wz[i] * vz[i] - along[i]
 
 
+@fused
+def write_tangents(first, last, surface, lobe_start, lobes, position, normal, out):
+    """The tangents of points first..last for the lobes of their surface that are not round, maths.lafortune.tangent_frame:
+    three planes for each such lobe. They do not depend on the light.
+    """
+    for p in range(first, last):
+        nx, ny, nz = normal[0, p], normal[1, p], normal[2, p]
+        qx, qy, qz = position[0, p], position[1, p], position[2, p]
+        plane, of = 0, surface[p]
+        for k in range(lobe_start[of], lobe_start[of + 1]):
+            if lobes[k, 10] > 0:
+                continue
+            sign = ONE if nz >= 0 else -ONE
+            t = -ONE / (sign + nz)
+            tx, ty, tz = ONE + sign * nx * nx * t, sign * nx * ny * t, -sign * nx
+            ux = lobes[k, 7] + lobes[k, 13] * qz - lobes[k, 14] * qy
+            uy = lobes[k, 8] + lobes[k, 14] * qx - lobes[k, 12] * qz
+            uz = lobes[k, 9] + lobes[k, 12] * qy - lobes[k, 13] * qx
+            along = nx * ux + ny * uy + nz * uz
+            px, py, pz = ux - nx * along, uy - ny * along, uz - nz * along
+            length = np.float32(math.sqrt(px * px + py * py + pz * pz))
+            if length > TURNS_AT * np.float32(math.sqrt(ux * ux + uy * uy + uz * uz)):
+                tx, ty, tz = px / length, py / length, pz / length
+            out[plane, p], out[plane + 1, p], out[plane + 2, p] = tx, ty, tz
+            plane += 3
+
+
 @fused_inlined
-def brushed_base(lobe, normal, viewer, a, b, way, base):
-    """The base of an anisotropic lobe, in the frame of maths.lafortune.tangent_frame."""
+def _add_dot(a_planes, b_planes, out):
+    """out += a . b: of a loop over more arrays the compiler would make single steps."""
+    ax, ay, az = a_planes
+    bx, by, bz = b_planes
+    for i in range(len(out)):
+        out[i] += ax[i] * bx[i] + ay[i] * by[i] + az[i] * bz[i]
+
+
+@fused_inlined
+def _planes(values, plane, a, b):
+    return values[plane, a:b], values[plane + 1, a:b], values[plane + 2, a:b]
+
+
+@fused_inlined
+def _brushed_base(lobe, tangent, viewer, way, along, across, work, base):
+    """The base of an anisotropic Lafortune lobe, from what an isotropic one is made of and the part along the tangent."""
+    of_light, of_viewer = work[0, : len(base)], work[1, : len(base)]
+    of_light[:], of_viewer[:] = ZERO, ZERO
+    _add_dot(tangent, way, of_light)
+    _add_dot(tangent, viewer, of_viewer)
     for i in range(len(base)):
-        nx, ny, nz = normal[0, a + i], normal[1, a + i], normal[2, a + i]
-        vx, vy, vz = viewer[0, a + i], viewer[1, a + i], viewer[2, a + i]
-        lx, ly, lz = way[0][i], way[1][i], way[2][i]
-        sign = ONE if nz >= 0 else -ONE
-        t = -ONE / (sign + nz)
-        tx, ty, tz = ONE + sign * nx * nx * t, sign * nx * ny * t, -sign * nx
-        along = nx * lobe[7] + ny * lobe[8] + nz * lobe[9]
-        px, py, pz = lobe[7] - nx * along, lobe[8] - ny * along, lobe[9] - nz * along
-        length = np.float32(math.sqrt(px * px + py * py + pz * pz))
-        if length > 1e-4:
-            tx, ty, tz = px / length, py / length, pz / length
-        bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-        base[i] = lobe[3] * (tx * lx + ty * ly + tz * lz) * (tx * vx + ty * vy + tz * vz)
-        base[i] += lobe[4] * (bx * lx + by * ly + bz * lz) * (bx * vx + by * vy + bz * vz)
-        base[i] += lobe[5] * (nx * lx + ny * ly + nz * lz) * (nx * vx + ny * vy + nz * vz)
+        both = of_light[i] * of_viewer[i]
+        base[i] = lobe[3] * both + lobe[4] * (across[i] - both) + lobe[5] * along[i]
 
 
 @fused_inlined
-def halfway_base(lobe, position, normal, viewer, a, b, way, base):
-    """The base of a brushed highlight, maths.halfway."""
-    for i in range(len(base)):
-        nx, ny, nz = normal[0, a + i], normal[1, a + i], normal[2, a + i]
-        qx, qy, qz = position[0, a + i], position[1, a + i], position[2, a + i]
-        sign = ONE if nz >= 0 else -ONE
-        t = -ONE / (sign + nz)
-        tx, ty, tz = ONE + sign * nx * nx * t, sign * nx * ny * t, -sign * nx
-        ux = lobe[7] + lobe[13] * qz - lobe[14] * qy
-        uy = lobe[8] + lobe[14] * qx - lobe[12] * qz
-        uz = lobe[9] + lobe[12] * qy - lobe[13] * qx
-        along = nx * ux + ny * uy + nz * uz
-        px, py, pz = ux - nx * along, uy - ny * along, uz - nz * along
-        length = np.float32(math.sqrt(px * px + py * py + pz * pz))
-        if length > TURNS_AT * np.float32(math.sqrt(ux * ux + uy * uy + uz * uz)):
-            tx, ty, tz = px / length, py / length, pz / length
-        hx, hy, hz = viewer[0, a + i] + way[0][i], viewer[1, a + i] + way[1][i], viewer[2, a + i] + way[2][i]
-        bx, by, bz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-        along, aside, ahead = tx * hx + ty * hy + tz * hz, bx * hx + by * hy + bz * hz, nx * hx + ny * hy + nz * hz
-        spread = lobe[3] * along * along + lobe[4] * aside * aside + lobe[5] * ahead * ahead
-        base[i] = (hx * hx + hy * hy + hz * hz + TINY) / (spread + TINY)
+def _halfway_base(lobe, tangent, normal, viewer, way, work, base):
+    """The base of a brushed highlight, maths.halfway: what of the half-way vector lies along the normal, along the
+    tangent, and the rest of what lies in the surface, where nothing cancels.
+    """
+    n = len(base)
+    mx, my, mz, ahead, aside = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4, :n]
+    ahead[:], aside[:] = ZERO, ZERO
+    _add_dot(normal, way, ahead)
+    _add_dot(normal, viewer, ahead)
+    for axis in range(3):
+        flat, of_way, of_viewer, of_normal = work[axis, :n], way[axis], viewer[axis], normal[axis]
+        for i in range(n):
+            flat[i] = of_way[i] + of_viewer[i] - ahead[i] * of_normal[i]
+    _add_dot(tangent, (mx, my, mz), aside)
+    for i in range(n):
+        level, forward = mx[i] * mx[i] + my[i] * my[i] + mz[i] * mz[i], ahead[i] * ahead[i]
+        along = min(aside[i] * aside[i], level)
+        base[i] = (level + forward + TINY) / (lobe[3] * along + lobe[4] * (level - along) + lobe[5] * forward + TINY)
 
 
 @fused_inlined
-def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, gloss, a, first, last, work):
+def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, gloss, a, first, last, work):
     """The highlights of the points a + first to a + last, of one surface, whose lobes are `rows`."""
     way = (work[WAY, first:last], work[WAY + 1, first:last], work[WAY + 2, first:last])
     base, along, across = work[BASE, first:last], work[ALONG, first:last], work[ACROSS, first:last]
     red, green, blue = work[LOBES, first:last], work[LOBES + 1, first:last], work[LOBES + 2, first:last]
-    ends = (a + first, a + last)
-    begun, is_split = False, False
+    ends, rest = (a + first, a + last), work[REST:]
+    begun, is_split, plane = False, False, 0
     for k in range(rows[0], rows[1]):
+        if lobes[k, 10] >= 0 and not is_split:
+            _split_facing(normal, viewer, *ends, way, along, across)
+            is_split = True
         if lobes[k, 10] > 0:
-            if not is_split:
-                _split_facing(normal, viewer, *ends, way, along, across)
-                is_split = True
             aside, ahead = lobes[k, 3], lobes[k, 5]
             for i in range(len(base)):
                 base[i] = aside * across[i] + ahead * along[i]
-        elif lobes[k, 10] < 0:
-            halfway_base(lobes[k], position, normal, viewer, *ends, way, base)
         else:
-            brushed_base(lobes[k], normal, viewer, *ends, way, base)
+            turned, facing = _planes(tangent, plane, *ends), _planes(viewer, 0, *ends)
+            plane += 3
+            if lobes[k, 10] < 0:
+                _halfway_base(lobes[k], turned, _planes(normal, 0, *ends), facing, way, rest, base)
+            else:
+                _brushed_base(lobes[k], turned, facing, way, along, across, rest, base)
         dark, num = lobes[k, 11], 0
         for i in range(len(base)):
             num += base[i] > dark
@@ -140,7 +173,7 @@ def _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, 
 
 
 @fused_inlined
-def add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work):
+def add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, tangent, gloss, a, b, work):
     """The highlights of the points a to b, run by run of one surface: mostly the whole block."""
     mine, num = surface[a:b], 0
     for i in range(len(mine)):
@@ -153,5 +186,5 @@ def add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewe
         rows = (lobe_start[surface[first]], lobe_start[surface[first] + 1])
         if rows[0] < rows[1]:
             ends = (first - a, last - a)
-            _add_lobes_of_surface(lights, light, lobes, rows, position, normal, viewer, gloss, a, *ends, work)
+            _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, gloss, a, *ends, work)
         first = last

@@ -27,8 +27,8 @@ class RelightOptions:
     borders: bool = True  # antialiased shadow borders: 3 rays between a lit and a dark neighbour
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
     shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
-    table_directions: int = 9216  # of looked-up shadows: over the sphere, a square number; cast when first asked for
-    table_mb: int = 512  # memory of looked-up shadows; those not used for longest make room
+    table_directions: int = 16384  # of looked-up shadows: over the sphere, a square number; cast when first asked for
+    table_mb: int = 1024  # memory of looked-up shadows; those not used for longest make room
     # adaptive: indirect light at every fourth pixel, highlights where they can be seen; half: light at every second pixel
     # each way, shadows too (on a lattice of its own, not that of "adaptive")
     shading: Shading = "exact"

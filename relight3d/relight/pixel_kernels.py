@@ -115,8 +115,8 @@ def finish_block(first, last, a, start, pixel, lights, seen, lit, dark, work, pi
 
 @fused
 def shade(
-    counter, start, pixel, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes,
-    site_source, site_share, irradiance, source, share, images, lit, dark, work, pixels, out,
+    counter, start, pixel, lights, seen, position, normal, viewer, tangent, diffuse, gloss, surface, lobe_start,
+    lobes, site_source, site_share, irradiance, source, share, images, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """Radiance of chunks of pixels, as long as there are any: every term, added up, clamped at 0.
 
@@ -130,8 +130,8 @@ def shade(
         end = min(begin + CHUNK, len(pixel))
         a, b = start[begin], start[end]
         shade_points(
-            a, b, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes, site_source,
-            site_share, irradiance, source, share, images, work,
+            a, b, lights, seen, position, normal, viewer, tangent, diffuse, gloss, surface, lobe_start, lobes,
+            site_source, site_share, irradiance, source, share, images, work,
         )  # fmt: skip
         for block in range(begin, end, LANES):
             finish_block(

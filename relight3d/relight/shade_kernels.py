@@ -123,8 +123,8 @@ def add_read_residual(lights, seen, source, share, images, a, b, work):
 
 @fused_inlined
 def shade_points(
-    a, b, lights, seen, position, normal, viewer, diffuse, gloss, surface, lobe_start, lobes, site_source, site_share,
-    irradiance, source, share, images, work,
+    a, b, lights, seen, position, normal, viewer, tangent, diffuse, gloss, surface, lobe_start, lobes, site_source,
+    site_share, irradiance, source, share, images, work,
 ):  # fmt: skip
     """Leaves in `work` the radiance of the points a to b. Arrays of an absent effect have length 0."""
     for c in range(3):
@@ -137,7 +137,7 @@ def shade_points(
             continue
         _add_diffuse(lights, light, diffuse, a, b, work)
         if len(lobes):
-            add_lobes(lights, light, lobes, lobe_start, surface, position, normal, viewer, gloss, a, b, work)
+            add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, tangent, gloss, a, b, work)
     if len(irradiance):
         _add_indirect(site_source, site_share, irradiance, diffuse, a, b, work)
     if len(images):

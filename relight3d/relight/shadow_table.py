@@ -28,24 +28,59 @@ Cast = Callable[
 ]  # distances to edges, half_cast_kernels.edge_distances; of length 0 where no slot is lit
 
 
-class ShadowTable:
-    """Of one view and one way that light takes: straight, or by one mirror. `pole`: the map's middle, a unit vector."""
+class Kept:
+    """What is kept of a view's directions, for all its tables; those not used for longest make room."""
 
-    def __init__(
-        self, lattice: HalfLattice, geometric: Float32[np.ndarray, "3 slot"], side: int, megabytes: int, pole: Way
-    ) -> None:
-        self._lattice, self._geometric, self._side = lattice, geometric, side
-        self._room = max(3, megabytes * 1_000_000 // max(len(lattice.point), 1))  # directions that are kept
-        self._axes = np.stack([*_across(pole), pole])  # to the map's own
-        self._ways = octahedral_directions(side) @ self._axes
-        self._kept: OrderedDict[int, Int8[np.ndarray, " slot"]] = OrderedDict()
-        self._far = np.empty(lattice.num_grid, np.float32)
-        self._dark = np.full(len(lattice.point), -127, np.int8)
+    def __init__(self, num_slots: int, megabytes: int) -> None:
+        self.dark = np.full(num_slots, -127, np.int8)  # stands for every direction that lights nothing
+        self._room = max(6, megabytes * 1_000_000 // max(num_slots, 1))
+        self._entries: OrderedDict[tuple[int, int], Int8[np.ndarray, " slot"]] = OrderedDict()
+        self._num_dark = 0
+
+    def __len__(self) -> int:
+        """How many have memory of their own."""
+        return len(self._entries) - self._num_dark
 
     @property
     def num_bytes(self) -> int:
-        """Memory of the directions that it holds now."""
-        return sum(each.nbytes for each in self._kept.values() if each is not self._dark)
+        """Memory that they take now."""
+        return len(self) * self.dark.nbytes
+
+    @property
+    def is_full(self) -> bool:
+        return len(self) >= self._room
+
+    def get(self, key: tuple[int, int]) -> Int8[np.ndarray, " slot"] | None:
+        entry = self._entries.get(key)
+        if entry is not None:
+            self._entries.move_to_end(key)
+        return entry
+
+    def put(self, key: tuple[int, int], entry: Int8[np.ndarray, " slot"]) -> None:
+        while self.is_full and entry is not self.dark:
+            _, oldest = self._entries.popitem(last=False)
+            self._num_dark -= oldest is self.dark
+        self._entries[key] = entry
+        self._num_dark += entry is self.dark
+
+
+class ShadowTable:
+    """Of one view and one way that light takes, `name`: straight, or by a mirror. `pole`: the map's middle, a unit vector."""
+
+    def __init__(
+        self,
+        lattice: HalfLattice,
+        geometric: Float32[np.ndarray, "3 slot"],
+        side: int,
+        pole: Way,
+        kept: Kept,
+        name: int,
+    ) -> None:
+        self._lattice, self._geometric, self._side = lattice, geometric, side
+        self._kept, self._name = kept, name
+        self._axes = np.stack([*_across(pole), pole])  # to the map's own
+        self._ways = octahedral_directions(side) @ self._axes
+        self._far = np.empty(lattice.num_grid, np.float32)
 
     def look_up(self, way: Way, cast: Cast, arrival: Way | None = None) -> tuple[Distance, int]:
         """Distances to the edge of the shadow of a light at infinity, and how many slots are lit, or near it.
@@ -55,17 +90,20 @@ class ShadowTable:
         """
         at, shares = directions_about(self._axes @ way, self._side)
         one, two, three = (self._entry(k, cast) for k in at)
-        out = aligned((len(self._dark),))
+        out = aligned((len(self._lattice.point),))
         facing = np.asarray(way if arrival is None else arrival, np.float32)
         num_lit = table_kernels.blend(one, two, three, np.array(shares, np.float32), self._geometric, facing, out)
         return out, num_lit
 
     def fill(self, cast: Cast, height: float, progress: Callable[[float], object] = lambda part: None) -> None:
         """Cast everything ahead, as far as there is room: directions at least so high over the pole's plane."""
-        wanted = np.flatnonzero(self._ways @ self._axes[2] >= height)[: self._room]
+        wanted = np.flatnonzero(self._ways @ self._axes[2] >= height)
         for done, k in enumerate(wanted):
+            if self._kept.is_full:
+                break
             self._entry(int(k), cast)
-            progress((done + 1) / len(wanted))
+            progress(done / len(wanted))
+        progress(1.0)
 
     @property
     def step(self) -> float:
@@ -73,17 +111,13 @@ class ShadowTable:
         return float(np.sqrt(4 * np.pi) / self._side)
 
     def _entry(self, k: int, cast: Cast) -> Int8[np.ndarray, " slot"]:
-        if k in self._kept:
-            self._kept.move_to_end(k)
-            return self._kept[k]
-        distance = cast(self._ways[k])
-        entry = self._dark
-        if len(distance):
-            entry, lattice = np.empty(len(distance), np.int8), self._lattice
-            table_kernels.grow(distance, lattice.is_joined, lattice.columns, lattice.rows, self._far, entry)
-        while len(self._kept) >= self._room:
-            self._kept.popitem(last=False)
-        self._kept[k] = entry
+        entry = self._kept.get((self._name, k))
+        if entry is None:
+            distance, entry = cast(self._ways[k]), self._kept.dark
+            if len(distance):
+                entry, lattice = np.empty(len(distance), np.int8), self._lattice
+                table_kernels.grow(distance, lattice.is_joined, lattice.columns, lattice.rows, self._far, entry)
+            self._kept.put((self._name, k), entry)
         return entry
 
 

@@ -87,12 +87,9 @@ def test_thin_shadows_are_cut_on_both_sides(width_px: float, is_shadow: bool) ->
     error, by_four = [], []
     for angle_deg in (12.0, 33.0, 45.0):
         _, across, middle = straight(angle_deg, 0.1)
-        is_lit = lambda x, y, across=across, middle=middle: (
-            (  # noqa: E731
-                np.abs((x - middle[0]) * across[0] + (y - middle[1]) * across[1]) < width_px / 2
-            )
-            != is_shadow
-        )
+        is_lit = lambda x, y, across=across, middle=middle: (  # noqa: E731
+            np.abs((x - middle[0]) * across[0] + (y - middle[1]) * across[1]) < width_px / 2
+        ) != is_shadow
         there = INNER & edges_of(is_lit).any(axis=1)
         error.append(np.abs(lit_part(is_lit) - area(is_lit))[there])
         by_four.append(np.abs(mean_over(is_lit, FOUR_RAYS) - area(is_lit))[there])

@@ -6,11 +6,12 @@ import numpy as np
 
 from relight3d.forward import background_radiance, dark_residual, irradiance_at_points, residual_source
 from relight3d.lights import FAR, Light
+from relight3d.maths.lafortune import tangent_frame
 from relight3d.maths.pixel_parts import HALVINGS, PLACES
 from relight3d.relight.half_engine import HalfEngine
 from relight3d.relight.half_lattice import SPACING
 from relight3d.relight.relighter import Relighter
-from relight3d.shading import cast_light, cast_thrown, lobe_brdf, mirrored_light, residual_kernel
+from relight3d.shading import cast_light, cast_thrown, mirrored_light, residual_kernel
 
 AWAY, DARK, LIT, NONE = 0, 1, 2, np.inf
 
@@ -179,16 +180,22 @@ class HalfReference:
         surface = np.full(self.lattice.num_items, -1)
         surface[self.lattice.item] = view.surface[self.order]
         toward = self.read((shown.to_light * view.points.to_viewer[self.at]).sum(axis=1))
-        along = (normal * to_light).sum(axis=1) * (normal * viewer).sum(axis=1)
+        n_l, n_v = (normal * to_light).sum(axis=1), (normal * viewer).sum(axis=1)
+        along = n_l * n_v
         for number, lobes in enumerate(self.model.lobes):
             mine = np.flatnonzero((surface == number) & (form > 0))
             for lobe in lobes:
-                if lobe.axes[0] != lobe.axes[1] or lobe.is_halfway:
-                    brdf = lobe_brdf((lobe,), normal[mine], to_light[mine], viewer[mine], place[mine])
+                tangent = tangent_frame(normal[mine], lobe.tangent + np.cross(lobe.turn, place[mine]))[0]
+                t_l, t_v = ((tangent * way[mine]).sum(axis=1) for way in (to_light, viewer))
+                if lobe.is_halfway:
+                    whole, ahead, aside = 2 + 2 * toward[mine], (n_l + n_v)[mine] ** 2, (t_l + t_v) ** 2
+                    rest = np.maximum(whole - ahead - aside, 0.0)
+                    base = whole / (lobe.axes[0] * aside + lobe.axes[1] * rest + lobe.axes[2] * ahead)
                 else:
-                    base = lobe.axes[0] * (toward - along)[mine] + lobe.axes[2] * along[mine]
-                    brdf = np.maximum(base, 0.0)[:, None] ** lobe.exponent * lobe.color
-                out[mine] += brdf * form[mine, None]
+                    both = t_l * t_v if lobe.axes[0] != lobe.axes[1] else 0.0
+                    base = lobe.axes[0] * both + lobe.axes[1] * ((toward - along)[mine] - both)
+                    base += lobe.axes[2] * along[mine]
+                out[mine] += np.clip(base, 0.0, 1.0)[:, None] ** lobe.exponent * lobe.color * form[mine, None]
         return out * gloss
 
     def residual(self, light: Light) -> tuple[np.ndarray, np.ndarray]:

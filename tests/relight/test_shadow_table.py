@@ -123,7 +123,7 @@ def test_lamps_and_lights_from_below_are_cast() -> None:
     cast, looked_up = relighters(models.full())
     for light in (models.LAMP, models.SPOT, DirectionalLight((0.2, 0.3, -0.5), 2.0)):
         ours, theirs = (each.render([light]) for each in (looked_up, cast))
-        assert not tables(looked_up)[-1]._kept
+        assert not any(of == -1 for of, _ in looked_up._engine.shadows.directions._entries)
         if light.kind != "directional":  # of a light from below, what a mirror throws is looked up
             np.testing.assert_array_equal(ours.radiance, theirs.radiance)
             assert ours.stats.rays == theirs.stats.rays
@@ -131,13 +131,13 @@ def test_lamps_and_lights_from_below_are_cast() -> None:
 
 def test_memory_is_bounded_and_what_was_used_last_stays() -> None:
     _, looked_up = relighters(models.plain(), table_mb=1)
-    table, shadows = tables(looked_up)[-1], looked_up._engine.shadows
-    room = table._room
-    assert 3 < room < 200
+    kept = looked_up._engine.shadows.directions
+    assert 3 < kept._room < 150
     ways = np.random.default_rng(0).normal(size=(120, 3))
     for way in ways[ways[:, 2] > 0.2]:
         looked_up.render([DirectionalLight(tuple(way), 1.0)])
-    assert len(table._kept) == room and shadows.num_table_bytes <= 1e6
+    assert len(kept) == kept._room and kept.num_bytes <= 1e6
+    assert len(kept) == len({id(each) for each in kept._entries.values()} - {id(kept.dark)})
     last = looked_up.render([DirectionalLight(tuple(way + 1e-5), 1.0)])
     assert last.stats.num_rays == 0
 

@@ -11,7 +11,6 @@ from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
 OUTSHONE = 0.25  # of the rest: where a lobe shines more, a photograph says nothing of the texture
 
-
 def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
     """The median albedo of each surface by what its points have to say.
 
