@@ -277,15 +277,15 @@ class Lobe:
 
     u and v are the unit directions to the light and to the viewer in the frame of the normal; the lobe is scaled so
     that |c| = 1 in its strongest component and `color` carries the rest. `tangent` (centred coordinates, zero for an
-    isotropic lobe) is projected to each point's tangent plane. One that `is_halfway` is a brushed highlight about the
-    half-way direction instead, color * (1 / (c_x h_x^2 + c_y h_y^2 + c_z h_z^2)) ** exponent, whose tangent at a position
-    p is tangent + turn x p (maths.halfway).
+    isotropic lobe) is projected to each point's tangent plane. One that `is_halfway` is about the half-way direction
+    instead, color * (1 / (c_x h_x^2 + c_y h_y^2 + c_z h_z^2)) ** exponent, round, or brushed (c_x != c_y) with the tangent
+    tangent + turn x p at a position p (maths.halfway).
     """
 
     color: Float64[np.ndarray, "3"]
     axes: Float64[np.ndarray, "3"]  # c_x, c_y, c_z
     exponent: float
-    tangent: Float64[np.ndarray, "3"]
+    tangent: Float64[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     turn: Float64[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
     is_halfway: bool = False
 

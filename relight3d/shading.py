@@ -14,7 +14,7 @@ from jaxtyping import Float, Float32, Int, Int32
 
 from relight3d.camera import Camera
 from relight3d.lights import FAR, DirectionalLight, Light, RectangleSample, SpotLight
-from relight3d.maths.halfway import halfway_base, halfway_energy
+from relight3d.maths.halfway import halfway_base, halfway_energy, round_halfway_base
 from relight3d.maths.lafortune import lobe_base, lobe_energy, power
 from relight3d.maths.light_basis import evaluate_basis, within_reach
 from relight3d.records import Indirect, Lighting, Lobe, Mirror, PatchMesh, Residual, ShadingPoints
@@ -230,7 +230,9 @@ def lobe_brdf(
     total = np.zeros(np.broadcast_shapes(normal.shape, to_light.shape), normal.dtype)
     for lobe in lobes:
         axes = lobe.axes.astype(normal.dtype)
-        if lobe.is_halfway:
+        if lobe.is_halfway and axes[0] == axes[1]:
+            base = round_halfway_base(normal, to_light, to_viewer, axes)
+        elif lobe.is_halfway:
             assert position is not None, "a brushed lobe's tangent goes by the place"
             along = (lobe.tangent + np.cross(lobe.turn, position)).astype(normal.dtype)
             base = halfway_base(normal, to_light, to_viewer, axes, along)

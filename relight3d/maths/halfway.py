@@ -1,4 +1,4 @@
-"""Brushed highlights: a lobe about the half-way direction, which may be far longer than wide.
+"""Highlights about the half-way direction: round ones, and brushed ones that are far longer than wide.
 
     f(u, v) = rho * (1 / (C_x h_x^2 + C_y h_y^2 + C_z h_z^2)) ** n,   h = (u + v) / |u + v|,   C_x, C_y >= C_z = 1
 
@@ -6,8 +6,9 @@ in the frame (tangent, bitangent, normal) of a point. n = 2 is the distribution 
 C_x ** -0.5 along the tangent and C_y ** -0.5 across; a large n with C near 1 is Gaussian. The base is in (0, 1].
 
 Differs from the paper: a Lafortune lobe is round about C v whatever its axes, so that no sum of a few makes the long
-streak of brushed metal. The tangent may turn with the surface as well: its field is the velocity of a rigid motion, which
-is one direction everywhere, circles about an axis (a turned part), or a helix.
+streak of brushed metal; nor has it the peak and the wide foot together that rough metal and varnish show. The tangent may
+turn with the surface as well: its field is the velocity of a rigid motion, which is one direction everywhere, circles
+about an axis (a turned part), or a helix.
 """
 
 import numpy as np
@@ -30,6 +31,20 @@ def halfway_base(
     tiny = np.asarray(1e-12, normal.dtype)  # opposite directions have no half
     whole = np.einsum("...i,...i->...", middle, middle) + tiny
     return whole / (axes[0] * t**2 + axes[1] * b**2 + axes[2] * n**2 + tiny)
+
+
+def round_halfway_base(
+    normal: Float[np.ndarray, "*axes 3"],
+    to_light: Float[np.ndarray, "*axes 3"],
+    to_viewer: Float[np.ndarray, "*axes 3"],
+    axes: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "*axes"]:
+    """The same where C_x = C_y, which needs no tangent."""
+    middle = to_light + to_viewer
+    ahead = np.einsum("...i,...i->...", normal, middle)
+    level = ((middle - ahead[..., None] * normal) ** 2).sum(axis=-1)  # nothing cancels in it
+    tiny = np.asarray(1e-12, normal.dtype)
+    return (level + ahead**2 + tiny) / (axes[0] * level + axes[2] * ahead**2 + tiny)
 
 
 def rigid_field(

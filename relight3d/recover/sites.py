@@ -12,7 +12,7 @@ from relight3d.records import Health, Indirect, PatchMesh, ShadingPoints
 
 SITES = ("vertex", "face", "pixel")
 NUM_DONORS = 4  # that stand in for a site without data
-MIN_ALBEDO = 0.1  # of the brightest surface's: what is darker shows too little of its light to lend it
+MIN_ALBEDO = 0.2  # of the brightest surface's: what is darker shows too little of its light to lend it
 MOST_OPENED = 1.5  # times its donors' light, at most, for a site more open than they
 
 
@@ -129,6 +129,8 @@ def fill_unseen(
     distance, nearest = tree.query(keyed[missing], k=min(NUM_DONORS, int(donors.sum())))
     distance, nearest = distance.reshape(missing.sum(), -1), nearest.reshape(missing.sum(), -1)
     share = 1.0 / np.maximum(distance, 1e-9 * mesh.radius + 1e-30)
+    if albedo is not None:  # what a site gets is what it sends over its albedo, and so are the errors in it
+        share = share * (albedo[donors] ** 2)[nearest]
     share /= share.sum(axis=1, keepdims=True)
     if openness is not None:
         # Of all donors together: one that is closed in says little of the surroundings, and must not be scaled up.

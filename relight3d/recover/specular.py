@@ -9,6 +9,7 @@ exponents and colours are fitted as logarithms within bounds, from several start
 """
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,7 +38,7 @@ class SpecularOptions:
     excess_sigmas: float = 4.0  # brighter than predicted by so many of the surface's own scatters is glossy
     num_samples: int = 4500  # (photograph, pixel) samples of a surface that enter the fit
     num_folds: int = 3
-    kinds: tuple[str, ...] = ("isotropic", "anisotropic", "retro", "brushed")
+    kinds: tuple[str, ...] = ("isotropic", "halfway", "anisotropic", "retro", "brushed")
 
     def __post_init__(self) -> None:
         if not 0 <= self.max_lobes <= 3:
@@ -123,28 +124,20 @@ def fit_lobes(
     parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
     whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
     systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
-    chosen: list[int] = []
-    best_error = sum(_held_out(samples, shapes, white, [], None, is_out) for is_out in folds)
-    none = best_error
-    for _ in range(options.max_lobes):
-        errors = np.full(len(atoms), np.inf)
-        # As many of either sort: hundreds of brushed ones would crowd the others out.
-        order = [int(a) for mask in (~is_brushed, is_brushed) for a in _promising(whole, chosen, is_seen & mask, 14)]
-        if not order:
-            break
-        for atom in order:
-            trial = [*chosen, atom]
-            errors[atom] = sum(
-                _held_out(samples, shapes, white, trial, _colors(system, trial), is_out)
-                for system, is_out in zip(systems, folds, strict=True)
-            )
-        # A brushed lobe has a frame to choose besides: it is taken for what the others cannot do.
-        handicap = 10 ** (0.1 * max(options.min_gain_db, 0.0))
-        winner = int(np.argmin(np.where(is_brushed, handicap * errors, errors)))
-        if gain_db(best_error, errors[winner]) < options.min_gain_db:
-            break
-        chosen.append(winner)
-        best_error = errors[winner]
+    is_halfway = np.array([kind == "halfway" for kind, _ in atoms], bool)
+
+    def left_out(trial: list[int]) -> float:
+        colors = [_colors(system, trial) if trial else None for system in systems]
+        given = zip(colors, folds, strict=True)
+        return sum(_held_out(samples, shapes, white, trial, color, is_out) for color, is_out in given)
+
+    none = left_out([])
+    # What is best alone need not be part of the best few: eq. (4)'s lobes by themselves are tried as well.
+    ways = [
+        _picked(whole, none, is_seen & mask, is_brushed, left_out, options)
+        for mask in (~is_halfway, np.ones_like(is_seen))
+    ]
+    chosen, best_error = ways[gain_db(ways[0][1], ways[1][1]) > 0.5 * options.min_gain_db]
     if not chosen:
         return (), None, 0.0
     colors = _colors(whole, chosen)
@@ -164,15 +157,47 @@ def fit_lobes(
     return _within_energy(lobes), last, gain_db(none, best_error)
 
 
+def _picked(
+    system: tuple,
+    none: float,
+    is_free: np.ndarray,
+    is_brushed: np.ndarray,
+    left_out: Callable[[list[int]], float],
+    options: SpecularOptions,
+) -> tuple[list[int], float]:
+    """Atoms picked one by one, each kept only where it makes left-out photographs better, and the error with all."""
+    chosen: list[int] = []
+    best_error = none
+    for _ in range(options.max_lobes):
+        # As many of either sort: hundreds of brushed ones would crowd the others out.
+        order = [int(a) for mask in (~is_brushed, is_brushed) for a in _promising(system, chosen, is_free & mask, 14)]
+        if not order:
+            break
+        errors = np.full(len(is_free), np.inf)
+        for atom in order:
+            errors[atom] = left_out([*chosen, atom])
+        # A brushed lobe has a frame to choose besides: it is taken for what the others cannot do.
+        handicap = 10 ** (0.1 * max(options.min_gain_db, 0.0))
+        winner = int(np.argmin(np.where(is_brushed, handicap * errors, errors)))
+        if gain_db(best_error, errors[winner]) < options.min_gain_db:
+            break
+        chosen.append(winner)
+        best_error = errors[winner]
+    return chosen, best_error
+
+
 def _atoms(kinds: tuple[str, ...], frames: Frames) -> list[tuple[str, np.ndarray]]:
     """The dictionary: exponents a factor 1.6 apart, a few ratios of c_x to c_z, each kind that is asked for.
 
-    Brushed ones have an exponent near that of Trowbridge and Reitz, and each of two widths a factor 2 apart.
+    Those about the half-way direction have the exponent of Trowbridge and Reitz, or near it, and widths a factor 1.4
+    apart; brushed ones each of two widths a factor 2 apart.
     """
     atoms = []
     for exponent in 1.6 ** np.arange(2, 20):
         for ratio in (-0.12, -0.05, 0.0, 0.05) if "isotropic" in kinds else ():
             atoms.append(("isotropic", np.array([np.log(exponent), ratio, 0, 0, 0])))
+    for width, exponent in itertools.product(np.log(2.0) * np.arange(1, 14), (2.0, 5.0)) if "halfway" in kinds else ():
+        atoms.append(("halfway", np.array([np.log(exponent), width, 0, 0, 0])))
     for exponent in 2.0 ** np.arange(1, 9) if "retro" in kinds else ():
         atoms.append(("retro", np.array([np.log(exponent), 0.0, 0, 0, 0])))
     for exponent in 2.0 ** np.arange(3, 10) if "anisotropic" in kinds else ():
@@ -279,7 +304,8 @@ _BOUNDS = {  # log exponent, log |c_x / c_z| (and |c_y / c_z|), log colour (thre
     "isotropic": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
     "retro": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
     "anisotropic": ([0.0, -0.7, -12, -12, -12, -0.7, -1.6], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9, 0.7, 1.6]),
-    # log c_x and log c_y instead, squares of one over the widths
+    # log c_x (and log c_y) instead, squares of one over the widths
+    "halfway": ([0.3, 0.7, -12, -12, -12], [4.0, 11.0, 9, 9, 9]),
     "brushed": ([0.3, 0.7, -12, -12, -12, 0.7], [4.0, 9.0, 9, 9, 9, 9.0]),
 }
 
@@ -292,6 +318,8 @@ def _lobe(kind: str, x: np.ndarray, frames: Frames) -> Lobe:
     if kind.startswith("brushed"):
         brushing, axes = frames.brushings[int(kind.split()[1])], np.array([np.exp(x[1]), np.exp(x[5]), 1.0])
         return Lobe(np.exp(x[2:5]), axes, float(np.exp(x[0])), *brushing, is_halfway=True)
+    if kind == "halfway":
+        return Lobe(np.exp(x[2:5]), np.exp([x[1], x[1], 0.0]), float(np.exp(x[0])), is_halfway=True)
     tangent = frames.tangent
     ratio_x = np.exp(x[1])
     ratio_y = np.exp(x[5]) if kind == "anisotropic" else ratio_x

@@ -16,7 +16,7 @@ from jaxtyping import Float32, Float64, Int32
 from relight3d.maths.light_basis import BASES, evaluate_basis
 from relight3d.records import Indirect, RelightModel
 from relight3d.relight.lazy_view import LazyView
-from relight3d.relight.lobe_kernels import write_tangents
+from relight3d.relight.lobe_kernels import BRUSHED, LONG, ROUND, ROUND_HALFWAY, write_tangents
 from relight3d.relight.modes import Modes, modes_elsewhere, pack_modes
 from relight3d.relight.pack_kernels import number_used, pack_reflectance, read_faces
 from relight3d.relight.tiles import rank_of_pixel, tiles
@@ -174,13 +174,14 @@ def _block_order(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _lobe_table(model: RelightModel) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of colour, axes, exponent, tangent, form (1 isotropic, -1 brushed), the base below which a lobe is dark, and
+    """Rows of colour, axes, exponent, tangent, form (lobe_kernels.ROUND and on), the base below which a lobe is dark, and
     turn; each surface's first.
     """
     rows, ends = [], [0]
     for lobes in model.lobes:
         for lobe in lobes:
-            form = -1.0 if lobe.is_halfway else float(lobe.axes[0] == lobe.axes[1])
+            is_round = lobe.axes[0] == lobe.axes[1]
+            form = (ROUND_HALFWAY if is_round else BRUSHED) if lobe.is_halfway else (ROUND if is_round else LONG)
             # exp(-20) = 2e-9 of the peak: below it a power is not worth its logarithm. Never 0, which has none.
             dark = max(np.exp(-20.0 / max(lobe.exponent, 1e-6)), 1e-30)
             rows.append([*lobe.color, *lobe.axes, lobe.exponent, *lobe.tangent, form, dark, *lobe.turn])
@@ -197,7 +198,7 @@ def tangents_of(
     normal: Float32[np.ndarray, "3 point"],
 ) -> Float32[np.ndarray, "plane point"]:
     """Of each surface's lobes that are not round, one after the other: the tangents at its points. No planes without any."""
-    counts = [int((lobes[a:b, 10] <= 0).sum()) for a, b in pairwise(lobe_start)]
+    counts = [int(np.isin(lobes[a:b, 10], (LONG, BRUSHED)).sum()) for a, b in pairwise(lobe_start)]
     out = np.zeros((3 * max(counts, default=0), len(surface)), np.float32)
     if len(out):
         given = (surface, lobe_start, lobes, position, normal, out)

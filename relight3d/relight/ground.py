@@ -32,7 +32,9 @@ def _find_ground(mesh: PatchMesh) -> Float64[np.ndarray, "row 3"]:
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.ravel()
     area = np.bincount(group, weights=areas)
-    widest = [np.flatnonzero(group == k)[np.argmax(areas[group == k])] for k in np.flatnonzero(area > ALIKE * area.max())]
+    widest = [
+        np.flatnonzero(group == k)[np.argmax(areas[group == k])] for k in np.flatnonzero(area > ALIKE * area.max())
+    ]
     # A slab has two sides of one size: things stand on the one that has more of the mesh in front of it.
     corner = corners.reshape(-1, 3) / mesh.radius
     in_front = [np.count_nonzero(corner @ normals[k] > offsets[k] + 1e-4) for k in widest]

@@ -4,7 +4,7 @@ import numpy as np
 
 from relight3d.relight.kernels import COLOR, ONE, TINY, ZERO, fused, fused_inlined
 from relight3d.relight.lanes import add_rows, shines
-from relight3d.relight.lobe_kernels import power
+from relight3d.relight.lobe_kernels import BRUSHED, ROUND, ROUND_HALFWAY, power
 from relight3d.relight.modes import LANES
 
 # Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
@@ -60,6 +60,16 @@ def _halfway_base(lobe, along, across, cosine, facing, step, of_light, of_viewer
 
 
 @fused_inlined
+def _round_halfway_base(lobe, along, across, cosine, facing, step, base):
+    """The same of a round one."""
+    for i in range(LANES):
+        whole, ahead = TWO + TWO * (across[i] + along[i]), cosine[i] + step * np.float32(facing[i])
+        forward = ahead * ahead
+        rest = max(whole - forward, ZERO)
+        base[i] = min((whole + TINY) / (lobe[3] * rest + lobe[5] * forward + TINY), ONE)
+
+
+@fused_inlined
 def _shows(base, dark, form, surface, which):
     """Whether one of a block's items is of the surface, lit, and of a base above `dark`."""
     num = 0
@@ -89,14 +99,17 @@ def _add_highlights_of_block(
             break
         plane = 0
         for k in range(lobe_start[which], lobe_start[which + 1]):
-            aside, ahead, dark = lobes[k, 3], lobes[k, 5], lobes[k, 11]
-            if lobes[k, 10] > 0:
+            aside, ahead, dark, form_of_lobe = lobes[k, 3], lobes[k, 5], lobes[k, 11], lobes[k, 10]
+            if form_of_lobe == ROUND:
                 if not shines(all_along, all_across, all_of, all_form, a, LANES, aside, ahead, dark, which):  # pyright: ignore[reportCallIssue]
                     continue
             else:
-                _along_tangent(tangent, plane, steps[8], begin, way, of_light, of_viewer)
-                plane += 4
-                if lobes[k, 10] < 0:
+                if form_of_lobe != ROUND_HALFWAY:
+                    _along_tangent(tangent, plane, steps[8], begin, way, of_light, of_viewer)
+                    plane += 4
+                if form_of_lobe == ROUND_HALFWAY:
+                    _round_halfway_base(lobes[k], along, across, cosine, outward, steps[7], base)
+                elif form_of_lobe == BRUSHED:
                     _halfway_base(lobes[k], along, across, cosine, outward, steps[7], of_light, of_viewer, base)
                 else:
                     _brushed_base(lobes[k], along, across, of_light, of_viewer, base)
@@ -106,7 +119,7 @@ def _add_highlights_of_block(
                 red[:], green[:], blue[:] = ZERO, ZERO, ZERO
                 begun = True
             exponent, r, g, b = lobes[k, 6], lobes[k, 0], lobes[k, 1], lobes[k, 2]
-            if lobes[k, 10] > 0:
+            if form_of_lobe == ROUND:
                 for i in range(LANES):
                     base[i] = aside * across[i] + ahead * along[i]
             for i in range(LANES):

@@ -8,7 +8,11 @@ from relight3d.relight.kernels import COLOR, ONE, ZERO, bits_of, float_of, fused
 
 # Rows of a block's workspace: radiance; direction to the light; form; lobes' colour; bases, and what they are made of, of
 # lobes that are not round too.
-TOTAL, WAY, FORM, LOBES, BASE, ALONG, ACROSS, REST, NUM_ROWS = 0, 3, 6, 7, 10, 11, 12, 13, 18
+TOTAL, WAY, FORM, LOBES, BASE, ALONG, ACROSS = 0, 3, 6, 7, 10, 11, 12
+REST, LEVEL, FORWARD, SPARE, NUM_ROWS = 13, 16, 17, 18, 20
+# Forms of a lobe, column 10 of its row: Lafortune's, round or long, and those about the half-way direction. Tangents go with
+# the two in the middle.
+ROUND, LONG, BRUSHED, ROUND_HALFWAY = 1.0, 0.0, -1.0, -2.0
 TWO, HALF, LN2, PER_LN2 = np.float32(2), np.float32(0.5), np.float32(math.log(2)), np.float32(1 / math.log(2))
 LOG_3, LOG_5, LOG_7, LOG_9 = (np.float32(1 / k) for k in (3, 5, 7, 9))  # atanh's series, for the logarithm
 EXP_3, EXP_4, EXP_5, EXP_6 = (np.float32(1 / math.factorial(k)) for k in (3, 4, 5, 6))
@@ -35,11 +39,9 @@ def power(base, exponent):
 
 
 @fused_inlined
-def _split_facing(normal, viewer, a, b, way, along, across):
+def _split_facing(normal, viewer, way, along, across):
     """What an isotropic lobe is made of, eq. (4): along = (n.l)(n.v), across = l.v less that, for unit vectors."""
-    nx, ny, nz = normal[0, a:b], normal[1, a:b], normal[2, a:b]
-    vx, vy, vz = viewer[0, a:b], viewer[1, a:b], viewer[2, a:b]
-    wx, wy, wz = way
+    (nx, ny, nz), (vx, vy, vz), (wx, wy, wz) = normal, viewer, way
     for i in range(len(along)):
         along[i] = nx[i] * wx[i] + ny[i] * wy[i] + nz[i] * wz[i]
     for i in range(len(along)):
@@ -58,7 +60,7 @@ def write_tangents(first, last, surface, lobe_start, lobes, position, normal, ou
         qx, qy, qz = position[0, p], position[1, p], position[2, p]
         plane, of = 0, surface[p]
         for k in range(lobe_start[of], lobe_start[of + 1]):
-            if lobes[k, 10] > 0:
+            if lobes[k, 10] == ROUND or lobes[k, 10] == ROUND_HALFWAY:
                 continue
             sign = ONE if nz >= 0 else -ONE
             t = -ONE / (sign + nz)
@@ -102,24 +104,39 @@ def _brushed_base(lobe, tangent, viewer, way, along, across, work, base):
 
 
 @fused_inlined
-def _halfway_base(lobe, tangent, normal, viewer, way, work, base):
-    """The base of a brushed highlight, maths.halfway: what of the half-way vector lies along the normal, along the
-    tangent, and the rest of what lies in the surface, where nothing cancels.
-    """
-    n = len(base)
-    mx, my, mz, ahead, aside = work[0, :n], work[1, :n], work[2, :n], work[3, :n], work[4, :n]
-    ahead[:], aside[:] = ZERO, ZERO
-    _add_dot(normal, way, ahead)
-    _add_dot(normal, viewer, ahead)
-    for axis in range(3):
+def _split_halfway(normal, viewer, way, work, level, forward):
+    """What lobes about the half-way vector are made of: its part in the surface, in `work`, and both parts' squares."""
+    n = len(level)
+    mx, my, mz = work[0, :n], work[1, :n], work[2, :n]
+    forward[:] = ZERO
+    _add_dot(normal, way, forward)
+    _add_dot(normal, viewer, forward)
+    for axis in range(3):  # nothing cancels in it, as it would in the whole's square less the other part's
         flat, of_way, of_viewer, of_normal = work[axis, :n], way[axis], viewer[axis], normal[axis]
         for i in range(n):
-            flat[i] = of_way[i] + of_viewer[i] - ahead[i] * of_normal[i]
-    _add_dot(tangent, (mx, my, mz), aside)
+            flat[i] = of_way[i] + of_viewer[i] - forward[i] * of_normal[i]
     for i in range(n):
-        level, forward = mx[i] * mx[i] + my[i] * my[i] + mz[i] * mz[i], ahead[i] * ahead[i]
-        along = min(aside[i] * aside[i], level)
-        base[i] = (level + forward + TINY) / (lobe[3] * along + lobe[4] * (level - along) + lobe[5] * forward + TINY)
+        level[i] = mx[i] * mx[i] + my[i] * my[i] + mz[i] * mz[i]
+        forward[i] *= forward[i]
+
+
+@fused_inlined
+def _brushed_halfway_base(lobe, tangent, work, level, forward, base):
+    """The base of a brushed highlight, maths.halfway."""
+    n = len(base)
+    base[:] = ZERO
+    _add_dot(tangent, (work[0, :n], work[1, :n], work[2, :n]), base)
+    for i in range(n):
+        along = min(base[i] * base[i], level[i])
+        spread = lobe[3] * along + lobe[4] * (level[i] - along) + lobe[5] * forward[i]
+        base[i] = (level[i] + forward[i] + TINY) / (spread + TINY)
+
+
+@fused_inlined
+def _round_halfway_base(lobe, level, forward, base):
+    """The base of a round one, maths.halfway."""
+    for i in range(len(base)):
+        base[i] = (level[i] + forward[i] + TINY) / (lobe[3] * level[i] + lobe[5] * forward[i] + TINY)
 
 
 @fused_inlined
@@ -129,22 +146,30 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, g
     base, along, across = work[BASE, first:last], work[ALONG, first:last], work[ACROSS, first:last]
     red, green, blue = work[LOBES, first:last], work[LOBES + 1, first:last], work[LOBES + 2, first:last]
     ends, rest = (a + first, a + last), work[REST:]
-    begun, is_split, plane = False, False, 0
+    level, forward = work[LEVEL, first:last], work[FORWARD, first:last]
+    normals, facing = _planes(normal, 0, *ends), _planes(viewer, 0, *ends)
+    begun, is_split, is_halved, plane = False, False, False, 0
     for k in range(rows[0], rows[1]):
-        if lobes[k, 10] >= 0 and not is_split:
-            _split_facing(normal, viewer, *ends, way, along, across)
+        form = lobes[k, 10]
+        if form >= LONG and not is_split:
+            _split_facing(normals, facing, way, along, across)
             is_split = True
-        if lobes[k, 10] > 0:
+        if form <= BRUSHED and not is_halved:
+            _split_halfway(normals, facing, way, rest, level, forward)
+            is_halved = True
+        if form == ROUND:
             aside, ahead = lobes[k, 3], lobes[k, 5]
             for i in range(len(base)):
                 base[i] = aside * across[i] + ahead * along[i]
+        elif form == ROUND_HALFWAY:
+            _round_halfway_base(lobes[k], level, forward, base)
         else:
-            turned, facing = _planes(tangent, plane, *ends), _planes(viewer, 0, *ends)
+            turned = _planes(tangent, plane, *ends)
             plane += 3
-            if lobes[k, 10] < 0:
-                _halfway_base(lobes[k], turned, _planes(normal, 0, *ends), facing, way, rest, base)
+            if form == BRUSHED:
+                _brushed_halfway_base(lobes[k], turned, rest, level, forward, base)
             else:
-                _brushed_base(lobes[k], turned, facing, way, along, across, rest, base)
+                _brushed_base(lobes[k], turned, facing, way, along, across, work[SPARE:], base)
         dark, num = lobes[k, 11], 0
         for i in range(len(base)):
             num += base[i] > dark

@@ -65,7 +65,7 @@ class Kept:
 
 
 class ShadowTable:
-    """Of one view and one way that light takes, `name`: straight, or by a mirror. `pole`: the map's middle, a unit vector."""
+    """Of one view and one way that light takes, `name`: straight, or by a mirror. `pole`: the map's middle."""
 
     def __init__(
         self,

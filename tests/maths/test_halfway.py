@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight3d.maths.halfway import halfway_base, halfway_energy, rigid_field
+from relight3d.maths.halfway import halfway_base, halfway_energy, rigid_field, round_halfway_base
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -30,6 +30,19 @@ def test_the_base_is_one_at_the_mirror_direction_and_falls_faster_across_the_wid
     assert base[1] < base[2] < 1.0
     swapped = halfway_base(UP[None], viewer[None], lights[1:2], np.array([100.0, 4.0, 1.0]), along)
     assert swapped[0] == pytest.approx(base[1])  # reciprocal
+
+
+def test_a_round_one_needs_no_tangent() -> None:
+    rng = np.random.default_rng(3)
+    normal, light, viewer = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in rng.normal(size=(3, 200, 3)))
+    axes = np.array([300.0, 300.0, 1.0])
+    wanted = halfway_base(normal, light, viewer, axes, rng.normal(size=(200, 3)))
+    np.testing.assert_allclose(round_halfway_base(normal, light, viewer, axes), wanted, rtol=1e-9)
+    # At the mirror direction the whole's square less the normal's part would leave nothing but rounding.
+    up, sharp = UP[None].astype(np.float32), np.array([1e5, 1e5, 1.0], np.float32)
+    ways = [np.array([[x, 0.0, np.sqrt(1 - x * x)]], np.float32) for x in (0.6, -0.601)]
+    exact = halfway_base(*(each.astype(float) for each in (up, *ways)), sharp.astype(float), np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(round_halfway_base(up, *ways, sharp), exact, rtol=1e-4)
 
 
 def test_circles_and_straight_lines_are_found() -> None:

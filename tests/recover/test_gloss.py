@@ -1,4 +1,4 @@
-"""Brushed surfaces: their streaks turn with the surface, from texture coordinates or from the mesh's own axes."""
+"""Highlights about the half-way direction, round and brushed: streaks turn with the surface, from texture coordinates or from the mesh's own axes."""
 
 from dataclasses import replace
 
@@ -34,3 +34,16 @@ def test_grooves_that_turn_with_the_surface_are_found(has_uvs: bool) -> None:
     assert brushed
     ours, theirs = (evaluate(model, capture, baselines=False).model.mean.psnr_db for model in (found, papers))
     assert ours > theirs + 3.0
+
+
+def test_rough_metal_s_peak_and_foot_are_one_lobe() -> None:
+    """The distribution of Trowbridge and Reitz, which eq. (4)'s lobes need several of: found, and with its own width."""
+    rough = Lobe(np.array([0.9, 0.6, 0.3]), np.array([30.0, 30.0, 1.0]), 2.0, is_halfway=True)
+    scene = Scene(joined({"ball": sphere(0.7)}), (Material((0.05, 0.05, 0.05), lobes=(rough,)),), scene_camera(56, 48))
+    capture = synthesize(scene, hemisphere_lights(12, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
+    lafortune = SpecularOptions(kinds=("isotropic", "anisotropic", "retro"))
+    found, papers = (recover(capture, options, quiet=True) for options in (QUICK, replace(QUICK, specular=lafortune)))
+    ours, theirs = (evaluate(model, capture, baselines=False).model.mean.psnr_db for model in (found, papers))
+    strongest = max(found.lobes[0], key=lambda lobe: lobe.color.sum())
+    assert strongest.is_halfway and strongest.axes[0] == strongest.axes[1]
+    assert ours > theirs + 1.0

@@ -44,6 +44,19 @@ def test_a_near_black_surface_lends_no_light() -> None:
     assert filled.ambient[MISSING].max() > 1.0
 
 
+def test_darker_surfaces_lend_less() -> None:
+    """Errors in what is told of light go with one over the albedo: as far away, half the albedo counts a quarter."""
+    mesh = strip()
+    offset = mesh.centered_vertices - mesh.centered_vertices[MISSING]
+    is_dark = offset @ np.array([0.6, 0.8, 0.0]) > 0
+    record, health = told(mesh, np.where(is_dark, 2.0, 1.0))
+    filled, _ = sites.fill_unseen(mesh, record, health)
+    even = filled.ambient[MISSING, 0] - 1
+    filled, _ = sites.fill_unseen(mesh, record, health, albedo=np.where(is_dark, 0.3, 0.6))
+    assert 0.2 < even < 0.8
+    assert filled.ambient[MISSING, 0] - 1 == pytest.approx(even / (even + 4 * (1 - even)), rel=1e-4)
+
+
 @pytest.mark.parametrize(("own", "theirs", "wanted"), [(0.2, 0.8, 0.25), (0.8, 0.02, 1.5), (0.6, 0.5, 1.2)])
 def test_light_goes_by_openness_and_is_not_scaled_up_much(own: float, theirs: float, wanted: float) -> None:
     mesh = strip()

@@ -188,7 +188,9 @@ class HalfReference:
                 tangent = tangent_frame(normal[mine], lobe.tangent + np.cross(lobe.turn, place[mine]))[0]
                 t_l, t_v = ((tangent * way[mine]).sum(axis=1) for way in (to_light, viewer))
                 if lobe.is_halfway:
-                    whole, ahead, aside = 2 + 2 * toward[mine], (n_l + n_v)[mine] ** 2, (t_l + t_v) ** 2
+                    is_round = lobe.axes[0] == lobe.axes[1]
+                    whole, ahead = 2 + 2 * toward[mine], (n_l + n_v)[mine] ** 2
+                    aside = 0.0 if is_round else (t_l + t_v) ** 2
                     rest = np.maximum(whole - ahead - aside, 0.0)
                     base = whole / (lobe.axes[0] * aside + lobe.axes[1] * rest + lobe.axes[2] * ahead)
                 else:

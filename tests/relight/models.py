@@ -34,7 +34,7 @@ def plain() -> RelightModel:
 
 @cache
 def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
-    """A desk with gloss (one lobe anisotropic, one brushed), mirror that throws light, indirect light, detail, residual."""
+    """A desk with gloss (lobes anisotropic, brushed, and about the half-way direction), mirror that throws light, indirect light, detail, residual."""
     model = true_model(scenes.desk(glossy=True, textured=True, mirror=True), hemisphere_lights(7))
     rng = np.random.default_rng(0)
     num = len(model.pixels.points)
@@ -42,6 +42,7 @@ def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
     tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
     gain = rng.uniform(0.5, 1.5, num).astype(np.float32)
     brushed = Lobe(np.full(3, 0.3), np.array([-1.0, -0.8, 0.9]), 12.0, np.array([1.0, 0.2, 0.0]))
+    varnish = Lobe(np.array([0.5, 0.4, 0.3]), np.array([60.0, 60.0, 1.0]), 2.0, is_halfway=True)
     grooved = Lobe(
         np.full(3, 0.5), np.array([90.0, 7.0, 1.0]), 2.4, np.array([0.1, 0.3, -0.2]), np.array([0.5, -0.2, 1.0]), True
     )
@@ -50,7 +51,7 @@ def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
         pixels=replace(model.pixels, normal=tilted.astype(np.float32), lobe_gain=gain),
         indirect=random_indirect(model, basis, site, rng),
         residual=random_residual(num, rng),
-        lobes=((brushed,), (grooved,), *model.lobes[2:]),
+        lobes=((brushed, varnish), (grooved,), *model.lobes[2:]),
     )
 
 
