@@ -1,4 +1,6 @@
-"""Highlights about the half-way direction, round and brushed: streaks turn with the surface, from texture coordinates or from the mesh's own axes."""
+"""Highlights about the half-way direction, round and brushed: streaks turn with the surface, from texture coordinates or
+from the mesh's own axes.
+"""
 
 from dataclasses import replace
 

@@ -34,7 +34,9 @@ def plain() -> RelightModel:
 
 @cache
 def full(basis: str = "sh2", site: str = "vertex") -> RelightModel:
-    """A desk with gloss (lobes anisotropic, brushed, and about the half-way direction), mirror that throws light, indirect light, detail, residual."""
+    """A desk with gloss (lobes anisotropic, brushed, and about the half-way direction), mirror that throws light, indirect
+    light, detail, residual.
+    """
     model = true_model(scenes.desk(glossy=True, textured=True, mirror=True), hemisphere_lights(7))
     rng = np.random.default_rng(0)
     num = len(model.pixels.points)
