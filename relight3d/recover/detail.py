@@ -17,7 +17,9 @@ from relight3d.errors import InputError
 from relight3d.maths.lafortune import tangent_frame
 from relight3d.records import Lobe
 from relight3d.shading import lobe_brdf
+from relight3d.tracing import over_threads
 
+POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -113,25 +115,26 @@ def choose_detail(
         if options.mode == "auto"
         else {options.mode: (options.damping,)}
     )
-    if options.mode == "off" or num_photos < 4:
+    if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
         return "off", options.damping, 0.0
     thin = slice(None, None, max(1, len(data.normal) // 6_000))
     sample = _thin(data, thin)
-    base = {(m, d): 0.0 for m, ds in modes.items() for d in ds}
-    none = 0.0
-    plain = np.ones(len(sample.normal), np.float32)
-    for fold in range(num_folds):
-        out = np.arange(fold, num_photos, num_folds)
-        inside = _photos(sample, np.setdiff1d(np.arange(num_photos), out))
-        none += misfit(sample, lobes, white, sample.normal, plain, out)
-        for mode, damping in base:
-            if mode == "normal":
-                normal, gain = perturb_normals(inside, lobes, white, options, damping), plain
-            elif lobes:
-                normal, gain = sample.normal, lobe_gains(inside, lobes, white, options)
-            else:
-                normal, gain = sample.normal, plain
-            base[mode, damping] += misfit(sample, lobes, white, normal, gain, out)
+    plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
+    outs = [everything[fold::num_folds] for fold in range(num_folds)]
+    tries = [(mode, damping) for mode, dampings in modes.items() for damping in dampings if mode == "normal" or lobes]
+
+    def error_of(job: tuple) -> float:
+        out, mode, damping = job
+        normal, gain = sample.normal, plain
+        if mode == "normal":
+            normal = perturb_normals(_photos(sample, np.setdiff1d(everything, out)), lobes, white, options, damping)
+        elif mode == "lobe":
+            gain = lobe_gains(_photos(sample, np.setdiff1d(everything, out)), lobes, white, options)
+        return misfit(sample, lobes, white, normal, gain, out)
+
+    jobs = [(out, *each) for each in [("off", 0.0), *tries] for out in outs]
+    none, *errors = np.reshape(over_threads(error_of, jobs), (-1, num_folds)).sum(axis=1)
+    base = dict(zip(tries, errors, strict=True))
     (mode, damping), error = min(base.items(), key=lambda item: item[1])
     gain_db = 10 * np.log10(max(none, 1e-30) / max(error, 1e-30))
     return mode, damping, float(gain_db)
@@ -140,24 +143,26 @@ def choose_detail(
 def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.ndarray, np.ndarray]:
     gram = np.zeros((len(tilt), 3))
     moment = np.zeros((len(tilt), 2))
-    step = np.float32(2e-3)
-    here = _tilted(data.normal, tangent, bitangent, tilt)
-    along_t = _tilted(data.normal, tangent, bitangent, tilt + np.array([step, 0], np.float32))
-    along_b = _tilted(data.normal, tangent, bitangent, tilt + np.array([0, step], np.float32))
-    for photo in range(len(data.measured)):
-        if not data.weight[photo].any():
-            continue
-        value = sum(_shade(data, lobes, here, photo))
-        slope_t = (sum(_shade(data, lobes, along_t, photo)) - value) / step
-        slope_b = (sum(_shade(data, lobes, along_b, photo)) - value) / step
-        miss = data.measured[photo] - value
-        # Robust on the compressed scale: a wrong shadow is a miss that no small tilt can explain.
-        calm = _slope(data.measured[photo], white) * data.weight[photo][:, None]
-        calm = calm / np.maximum(1.0, np.abs(miss) * np.sqrt(_slope(data.measured[photo], white)) / 0.15)
-        gram += np.stack(
-            [(calm * p * q).sum(1) for p, q in ((slope_t, slope_t), (slope_t, slope_b), (slope_b, slope_b))], 1
-        )
-        moment += np.stack([(calm * slope_t * miss).sum(1), (calm * slope_b * miss).sum(1)], 1)
+    sides = np.array([[0, 0], [2e-3, 0], [0, 2e-3]], np.float32)
+
+    def add(part: slice) -> None:
+        normals = [_tilted(data.normal[part], tangent[part], bitangent[part], tilt[part] + side) for side in sides]
+        for photo in range(len(data.measured)):
+            # Where no light falls, or nothing is known, a tilt changes nothing.
+            at = np.flatnonzero((data.weight[photo, part] > 0) & (data.falloff[photo, part] > 0).any(axis=1))
+            if len(at) == 0:
+                continue
+            known = _points_of(data, part.start + at, photo)
+            value, *moved = (sum(_shade(known, lobes, normal[at], 0)) for normal in normals)
+            slope_t, slope_b = ((each - value) / sides[1, 0] for each in moved)
+            miss, slope = known.measured[0] - value, _slope(known.measured[0], white)
+            # Robust on the compressed scale: a wrong shadow is a miss that no small tilt can explain.
+            calm = slope * known.weight[0][:, None] / np.maximum(1.0, np.abs(miss) * np.sqrt(slope) / 0.15)
+            products = ((slope_t, slope_t), (slope_t, slope_b), (slope_b, slope_b))
+            gram[part.start + at] += np.stack([(calm * p * q).sum(1) for p, q in products], 1)
+            moment[part.start + at] += np.stack([(calm * each * miss).sum(1) for each in (slope_t, slope_b)], 1)
+
+    over_threads(add, [slice(k, min(k + POINTS, len(tilt))) for k in range(0, len(tilt), POINTS)])
     return gram, moment
 
 
@@ -189,6 +194,15 @@ def _thin(data: DetailData, part: slice) -> DetailData:
     per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
     per_point["position"] = None if data.position is None else data.position[part]
     return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
+
+
+def _points_of(data: DetailData, at: np.ndarray, photo: int) -> DetailData:
+    """Some points of one photograph."""
+    per_photo = {n: getattr(data, n)[photo, at][None] for n in ("falloff", "measured", "other", "weight")}
+    per_point = {n: getattr(data, n)[at] for n in ("albedo", "normal", "to_viewer")}
+    per_point["position"] = None if data.position is None else data.position[at]
+    to_light = data.to_light[photo, : 1 if data.to_light.shape[1] == 1 else None]
+    return DetailData(to_light=(to_light if len(to_light) == 1 else to_light[at])[None], **per_photo, **per_point)
 
 
 def _photos(data: DetailData, photos: np.ndarray) -> DetailData:
