@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # A preset is the cheapest point of the front that loses no more than this to the exact setting.
-PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.2, "fast": 3.0}
+PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.2, "fast": 3.75}
 NUM_TRIALS = 6  # settings that are timed at most, beside the exact and the cheapest one
 TOLERANCE = 1.05  # a median so much above the budget still fits it: medians of a few frames are no surer
 
