@@ -49,7 +49,7 @@ def run_case(model: RelightModel, num_faces: int, size: tuple[int, int], rounds:
         "faces": len(model.mesh.faces),
         "size": f"{size[0]}x{size[1]}",
         "rounds": rounds,
-        "buffers_mb": exact._engine.buffers.num_bytes / 1e6,
+        "buffers_mb": exact._engine.num_bytes / 1e6,
         "milliseconds": medians,
         "spread": {name: float(np.subtract(*np.percentile(t.wall, [75, 25]))) for name, t in took.items()},
         "ratios": ratios(took, size[0]),

@@ -46,12 +46,17 @@ def side_by_side(contenders: Mapping[str, Contender], rounds: int) -> dict[str, 
     return took
 
 
-def moving_light(
-    index: int, color: tuple[float, float, float] = (3.0, 3.0, 3.0), height: float = 1.2
-) -> DirectionalLight:
+def moving_light(index: int, color: tuple[float, float, float] = (3.0, 3.0, 3.0)) -> DirectionalLight:
     """A light on a circle 50 degrees up: no frame can reuse another's shadows."""
     angle = 0.37 * (index + 1)
-    return DirectionalLight((np.cos(angle), np.sin(angle), height), color)
+    return DirectionalLight((np.cos(angle), np.sin(angle), 1.2), color)
+
+
+def scattered_light(index: int) -> DirectionalLight:
+    """Lights all over the upper half: golden angles and ratios, so that none is near another for long."""
+    angle, height = 2.39996 * index, 0.15 + 0.8 * (0.618034 * index % 1.0)
+    ring = np.sqrt(1 - height**2)
+    return DirectionalLight((ring * np.cos(angle), ring * np.sin(angle), height), (3.0, 3.0, 3.0))
 
 
 def three_lights(index: int) -> list[DirectionalLight]:
@@ -98,10 +103,10 @@ def frames(model: RelightModel, camera: Camera) -> tuple[Relighter, dict[str, Co
     contenders: dict[str, Contender] = {"frame, exact": lambda k: exact.render([moving_light(k)])}
     for name in ("balanced", "fast"):
         other = Relighter(model, camera, PRESETS[name])
+        other.bake_shadows()
         contenders[f"frame, {name}"] = lambda k, other=other: other.render([moving_light(k)])
-    lazy, baked = Relighter(model, camera, PRESETS["fast"]), other
-    baked.bake_shadows()
-    contenders["frame, fast, light not seen before"] = lambda k: lazy.render([moving_light(k, height=1.1 + 1e-3 * k)])
+    lazy = Relighter(model, camera, PRESETS["fast"])
+    contenders["frame, fast, light not seen before"] = lambda k: lazy.render([scattered_light(k)])
     contenders["frame, three lights"] = lambda k: exact.render(three_lights(k))
     fixed = Relighter(model, camera)
     contenders["frame, new colour"] = lambda k: fixed.render([moving_light(0, (1.0 + k, 2.0, 3.0))])

@@ -112,7 +112,8 @@ def describe_lobe(lobe: Lobe) -> str:
     red, green, blue = lobe.color
     if lobe.is_halfway:
         x, y = 1 / np.sqrt(lobe.axes[:2])
-        return f"brushed, n {lobe.exponent:.3g}, width {x:.2f} by {y:.2f}, colour ({red:.3g}, {green:.3g}, {blue:.3g})"
+        kind = "half-way" if lobe.axes[0] == lobe.axes[1] else "brushed"
+        return f"{kind}, n {lobe.exponent:.3g}, width {x:.2f} by {y:.2f}, colour ({red:.3g}, {green:.3g}, {blue:.3g})"
     return f"n {lobe.exponent:.3g}, C ({x:.2f}, {y:.2f}, {z:.2f}), colour ({red:.3g}, {green:.3g}, {blue:.3g})"
 
 

@@ -104,8 +104,7 @@ def measure_render(setting: Setting, model: RelightModel, judge: Judge, default:
     metrics = judge.score_relighter(relighter)
     lights = next((each for each in model.lights if each), ())
     rays = relighter.render(nudged(lights, model.mesh.radius, 60)).stats.num_rays
-    buffers = getattr(getattr(relighter, "_engine", None), "buffers", None)
-    size = None if buffers is None else buffers.num_bytes / 1e6
+    size = None if relighter._engine is None else relighter._engine.num_bytes / 1e6
     return point_of(setting, metrics, **timed, rays=rays, buffers_mb=size, num_pixels=camera.num_pixels)
 
 

@@ -21,7 +21,7 @@ def octahedral_directions(side: int) -> Float64[np.ndarray, "direction 3"]:
 def directions_about(
     way: Float64[np.ndarray, "3"], side: int
 ) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
-    """The three of octahedral_directions(side) about a direction, and their shares of it, which add up to 1.
+    """The three of octahedral_directions(side), `side` even, about a direction, and their shares of it, which add up to 1.
 
     Cells are cut along the octahedron's own edges, so that a triangle lies in one of its faces.
     """

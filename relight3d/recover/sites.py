@@ -130,7 +130,7 @@ def fill_unseen(
     distance, nearest = distance.reshape(missing.sum(), -1), nearest.reshape(missing.sum(), -1)
     share = 1.0 / np.maximum(distance, 1e-9 * mesh.radius + 1e-30)
     if albedo is not None:  # what a site gets is what it sends over its albedo, and so are the errors in it
-        share = share * (albedo[donors] ** 2)[nearest]
+        share = share * (np.maximum(albedo[donors], 1e-6) ** 2)[nearest]
     share /= share.sum(axis=1, keepdims=True)
     if openness is not None:
         # Of all donors together: one that is closed in says little of the surroundings, and must not be scaled up.

@@ -196,7 +196,7 @@ def _atoms(kinds: tuple[str, ...], frames: Frames) -> list[tuple[str, np.ndarray
     for exponent in 1.6 ** np.arange(2, 20):
         for ratio in (-0.12, -0.05, 0.0, 0.05) if "isotropic" in kinds else ():
             atoms.append(("isotropic", np.array([np.log(exponent), ratio, 0, 0, 0])))
-    for width, exponent in itertools.product(np.log(2.0) * np.arange(1, 14), (2.0, 5.0)) if "halfway" in kinds else ():
+    for width, exponent in itertools.product(np.log(2.0) * np.arange(1, 13), (2.0, 5.0)) if "halfway" in kinds else ():
         atoms.append(("halfway", np.array([np.log(exponent), width, 0, 0, 0])))
     for exponent in 2.0 ** np.arange(1, 9) if "retro" in kinds else ():
         atoms.append(("retro", np.array([np.log(exponent), 0.0, 0, 0, 0])))
@@ -305,7 +305,7 @@ _BOUNDS = {  # log exponent, log |c_x / c_z| (and |c_y / c_z|), log colour (thre
     "retro": ([0.0, -0.7, -12, -12, -12], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9]),
     "anisotropic": ([0.0, -0.7, -12, -12, -12, -0.7, -1.6], [np.log(MAX_EXPONENT), 0.7, 9, 9, 9, 0.7, 1.6]),
     # log c_x (and log c_y) instead, squares of one over the widths
-    "halfway": ([0.3, 0.7, -12, -12, -12], [4.0, 11.0, 9, 9, 9]),
+    "halfway": ([0.3, 0.6, -12, -12, -12], [4.0, 9.0, 9, 9, 9]),
     "brushed": ([0.3, 0.7, -12, -12, -12, 0.7], [4.0, 9.0, 9, 9, 9, 9.0]),
 }
 

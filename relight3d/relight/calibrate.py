@@ -37,9 +37,10 @@ def nudged(lights: Iterable[Light], radius: float, steps: int = 1) -> list[Light
 def frame_clocks(relighter: "Relighter") -> dict[str, float]:
     """Milliseconds of a frame by what they were spent on (work.KINDS_OF_CLOCK): of the frame of median time.
 
-    As a user sees it whose light moves: under the model's own lights, shadows cast, or looked up, in every frame.
+    As a user sees it whose light moves: under the model's own lights, shadows cast in every frame, or looked up where lights
+    have been before.
     """
-    _fill_tables(relighter)
+    fill_tables(relighter, relighter.given_model.lights)
     return _median_clocks(_moving_frames(relighter, NUM_FRAMES, NUM_WARM, CALIBRATION_S))
 
 
@@ -48,7 +49,7 @@ def clocks_beside(relighter: "Relighter", standard: "Relighter", standard_ms: fl
     that what else the machine does falls on both, and the median of their ratios counts.
     """
     for each in (standard, relighter):
-        _fill_tables(each)
+        fill_tables(each, each.given_model.lights)
         _moving_frames(each, NUM_WARM, 0)
     frames, ratios = [], []
     begin = time.perf_counter()
@@ -86,11 +87,11 @@ def frame_times_ms(relighter: "Relighter", num_frames: int = NUM_FRAMES) -> Floa
     return np.array([took_ms for _, took_ms in _moving_frames(relighter, num_frames)])
 
 
-def _fill_tables(relighter: "Relighter") -> None:
-    """Shadows that are looked up are there for the lights that frames are timed under."""
+def fill_tables(relighter: "Relighter", lights: Iterable[Iterable[Light]]) -> None:
+    """Shadows that are looked up are there for the lights that frames are measured under."""
     if relighter.options.shadows == "table":
-        for light in relighter.given_model.lights:
-            relighter.render(light)
+        for each in lights:
+            relighter.render(each)
 
 
 def _moving_frames(

@@ -89,8 +89,14 @@ class Engine:
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
-    def bake_shadows(self, progress: Callable[[float], object]) -> None:
+    def bake_shadows(self, progress: Callable[[float], object]) -> float:
         """Relighter.bake_shadows: nothing here is looked up."""
+        return 1.0
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory of what is held for the view."""
+        return self.buffers.num_bytes
 
     def _virtual_row(self, light: Light, mirror_index: int) -> np.ndarray:
         """The light behind the mirror that its reflection seems to come from."""

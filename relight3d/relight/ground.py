@@ -32,14 +32,13 @@ def _find_ground(mesh: PatchMesh) -> Float64[np.ndarray, "row 3"]:
     _, group = np.unique(keys, axis=0, return_inverse=True)
     group = group.ravel()
     area = np.bincount(group, weights=areas)
-    widest = [
-        np.flatnonzero(group == k)[np.argmax(areas[group == k])] for k in np.flatnonzero(area > ALIKE * area.max())
-    ]
+    largest = [group == k for k in np.flatnonzero(area > ALIKE * area.max())]
+    widest = [np.flatnonzero(piece)[np.argmax(areas[piece])] for piece in largest]  # a face of each
     # A slab has two sides of one size: things stand on the one that has more of the mesh in front of it.
     corner = corners.reshape(-1, 3) / mesh.radius
     in_front = [np.count_nonzero(corner @ normals[k] > offsets[k] + 1e-4) for k in widest]
-    widest = widest[int(np.argmax(in_front))]
-    normal, offset = normals[widest], offsets[widest]
+    face = widest[int(np.argmax(in_front))]
+    normal, offset = normals[face], offsets[face]
     belongs = (normals @ normal > 1 - 1e-6) & (np.abs(offsets - offset) < 1e-5)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     axes = np.stack([u / np.linalg.norm(u), np.cross(normal, u / np.linalg.norm(u))])

@@ -40,7 +40,9 @@ class HalfEngine(Engine):
         self.lattice = find_half_lattice(view, self.buffers)
         self.slots = pack_slots(self.lattice, self.buffers)
         self.items = pack_items(self.lattice, model, model.residual, view, self.buffers, options.precision)
-        self.shadows = HalfShadows(scene, model, self.lattice, self.slots, options)
+        # A view that is looked at once, as a moving camera's, would cast three directions for one light.
+        looks_up = np.array_equal(view.camera.world_from_camera, model.camera.world_from_camera)
+        self.shadows = HalfShadows(scene, model, self.lattice, self.slots, options, looks_up)
         at = np.maximum(self.lattice.point, 0)
         self.sites = self.buffers.sites
         self._read = (NO_SOURCE, NO_SHARE)
@@ -77,9 +79,19 @@ class HalfEngine(Engine):
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
-    def bake_shadows(self, progress: Callable[[float], object]) -> None:
+    def bake_shadows(self, progress: Callable[[float], object]) -> float:
         """Relighter.bake_shadows."""
-        self.shadows.fill_tables(progress)
+        return self.shadows.fill_tables(progress)
+
+    @property
+    def num_bytes(self) -> int:
+        """Engine.num_bytes, with what is kept of lights' directions."""
+        parts = [
+            part for held in (self.slots, self.items) for part in vars(held).values() if isinstance(part, np.ndarray)
+        ]
+        rows = sum(part.nbytes for part in (*self.items.lit, *self.items.dark))
+        directions = 0 if self.shadows.directions is None else self.shadows.directions.num_bytes
+        return super().num_bytes + self.lattice.num_bytes + rows + sum(part.nbytes for part in parts) + directions
 
     def _bright_lobes(self, rows: np.ndarray) -> np.ndarray:
         """The last ones where lights at infinity did but turn."""

@@ -17,7 +17,7 @@ from relight3d.relight.kept_answers import KeptAnswers
 from relight3d.relight.kernels import PLACE
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shadow_table import Kept, ShadowTable
+from relight3d.relight.shadow_table import KeptDirections, ShadowTable
 from relight3d.relight.thrown import Thrown
 from relight3d.relight.tiles import counters, counting
 from relight3d.tracing import RayScene, over_threads
@@ -32,10 +32,19 @@ NOWHERE: Distance = np.zeros(0, np.float32)  # of a patch that no slot is in
 
 
 class HalfShadows(KeptAnswers[Distance]):
-    """The shadow rays of one view's slots. `rays` counts those of the lights asked for since `start_frame`."""
+    """The shadow rays of one view's slots, or what is looked up instead (`looks_up`).
+
+    `rays` counts those of the lights asked for since `start_frame`.
+    """
 
     def __init__(
-        self, scene: RayScene, model: RelightModel, lattice: HalfLattice, slots: Slots, options: RelightOptions
+        self,
+        scene: RayScene,
+        model: RelightModel,
+        lattice: HalfLattice,
+        slots: Slots,
+        options: RelightOptions,
+        looks_up: bool = True,
     ) -> None:
         super().__init__(options.keep_lights)
         self._scene, self._lattice, self._slots, self._options = scene, lattice, slots, options
@@ -51,18 +60,20 @@ class HalfShadows(KeptAnswers[Distance]):
         geometry = (slots.lane_position, slots.lane_geometric)
         self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
         self._mirrors = model.mirrors
-        self.directions: Kept | None = None  # that tables know
-        self._tables: dict[int, ShadowTable] = {}
+        self.directions: KeptDirections | None = None  # that tables know
+        self._tables: dict[int, ShadowTable] = {}  # by the mirror that turns the light, or STRAIGHT
         if options.shadows == "table":
             pole = self._ground[1] if len(self._ground) else np.array([0.0, 0.0, 1.0])
             side = round(options.table_directions**0.5)
-            of = [STRAIGHT, *(k for k, mirror in enumerate(model.mirrors) if mirror.throws_light)]
-            self.directions = Kept(num, options.table_mb)
-            self._tables = {k: ShadowTable(lattice, slots.geometric, side, pole, self.directions, k) for k in of}
+            vias = [STRAIGHT, *(k for k, mirror in enumerate(model.mirrors) if mirror.throws_light)]
+            self.directions = KeptDirections(num, options.table_mb)
+            given = (lattice, slots.geometric, side, pole, len(self._ground) > 0, self.directions)
+            self._tables = {via: ShadowTable(*given, via) for via in vias}
+        self._looks_up = looks_up
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""
-        if self._tables and isinstance(light, DirectionalLight) and self._is_above(light):
+        if self._looks_up and self._tables and isinstance(light, DirectionalLight) and self._is_above(light):
             make = partial(self._look_up, np.asarray(light.to_light, np.float64), effect)
         else:
             make = partial(self._cast, light_row(light)[None], effect)
@@ -73,19 +84,33 @@ class HalfShadows(KeptAnswers[Distance]):
 
         NOWHERE where no slot is in it.
         """
-        if self._tables and isinstance(light, DirectionalLight):
+        if self._looks_up and self._tables and isinstance(light, DirectionalLight):
             make = partial(self._look_up_thrown, np.asarray(light.to_light, np.float64), mirror_index)
         else:
             make = partial(self._cast_thrown, light, virtual[None], mirror_index)
         return self.keep((*geometry_key(light), mirror_index), make)
 
-    def fill_tables(self, progress: Callable[[float], object]) -> None:
-        """Cast ahead what tables may be asked for."""
+    def fill_tables(self, progress: Callable[[float], object]) -> float:
+        """Cast ahead what may be asked for, high lights first, as far as there is room; what part of it is there now.
+
+        From now on shadows are looked up, if they were not before.
+        """
+        if self.directions is None:
+            return 1.0
         self.start_frame(0)
-        for done, (k, table) in enumerate(self._tables.items()):
-            height = -table.step if len(self._ground) else -1.0
-            cast = self._caster(k, "shadow")
-            table.fill(cast, height, lambda part, done=done: progress((done + part) / len(self._tables)))
+        self._looks_up = True
+        least = -1.0 if len(self._ground) == 0 else 0.0
+        wanted = [
+            (h, via, k) for via, table in self._tables.items() for k, h in enumerate(table.heights()) if h >= least
+        ]
+        wanted.sort(key=lambda each: -each[0])
+        done = 0
+        for done, (_, via, k) in enumerate(wanted, start=1):
+            self._tables[via].learn(k, self._caster(via, "shadow"))
+            progress(done / len(wanted))
+            if self.directions.is_full:
+                break
+        return done / len(wanted)
 
     def _is_above(self, light: DirectionalLight) -> bool:
         """From under the ground no slot is lit, but beside it: too sharp a change to be kept by directions."""
@@ -103,16 +128,16 @@ class HalfShadows(KeptAnswers[Distance]):
         distance, num_lit = table.look_up(way, self._caster(mirror_index, "thrown"), arrival)
         return distance if num_lit else NOWHERE
 
-    def _caster(self, of: int, effect: str) -> Callable[[Way], Distance]:
+    def _caster(self, via: int, effect: str) -> Callable[[Way], Distance]:
         """What casts a direction's shadow: straight, or by a mirror."""
-        if of == STRAIGHT:
+        if via == STRAIGHT:
             return lambda way: self._cast(light_row(DirectionalLight(tuple(way), 1.0))[None], effect)
 
         def cast(way: Way) -> Distance:
-            light, normal = DirectionalLight(tuple(way), 1.0), self._mirrors[of].normal
+            light, normal = DirectionalLight(tuple(way), 1.0), self._mirrors[via].normal
             row = light_row(light)
             row[PLACE : PLACE + 3] = way - 2 * (way @ normal) * normal
-            return self._cast_thrown(light, row[None], of)
+            return self._cast_thrown(light, row[None], via)
 
         return cast
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from relight3d.relight.kernels import COLOR, ONE, TINY, ZERO, fused, fused_inlined
 from relight3d.relight.lanes import add_rows, shines
-from relight3d.relight.lobe_kernels import BRUSHED, ROUND, ROUND_HALFWAY, power
+from relight3d.relight.lobe_kernels import BRUSHED, LONG, ROUND, power
 from relight3d.relight.modes import LANES
 
 # Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
@@ -41,7 +41,7 @@ def _along_tangent(tangent, plane, step, begin, way, of_light, of_viewer):
 
 
 @fused_inlined
-def _brushed_base(lobe, along, across, of_light, of_viewer, base):
+def _long_base(lobe, along, across, of_light, of_viewer, base):
     """The base of an anisotropic Lafortune lobe (lobe_kernels)."""
     for i in range(LANES):
         both = of_light[i] * of_viewer[i]
@@ -49,7 +49,7 @@ def _brushed_base(lobe, along, across, of_light, of_viewer, base):
 
 
 @fused_inlined
-def _halfway_base(lobe, along, across, cosine, facing, step, of_light, of_viewer, base):
+def _brushed_base(lobe, along, across, cosine, facing, step, of_light, of_viewer, base):
     """The base of a brushed highlight (maths.halfway) from the half-way vector's length and its parts."""
     for i in range(LANES):
         whole = TWO + TWO * (across[i] + along[i])
@@ -100,28 +100,26 @@ def _add_highlights_of_block(
         plane = 0
         for k in range(lobe_start[which], lobe_start[which + 1]):
             aside, ahead, dark, form_of_lobe = lobes[k, 3], lobes[k, 5], lobes[k, 11], lobes[k, 10]
+            if form_of_lobe in (BRUSHED, LONG):
+                _along_tangent(tangent, plane, steps[8], begin, way, of_light, of_viewer)
+                plane += 4
             if form_of_lobe == ROUND:
                 if not shines(all_along, all_across, all_of, all_form, a, LANES, aside, ahead, dark, which):  # pyright: ignore[reportCallIssue]
                     continue
+                for i in range(LANES):
+                    base[i] = aside * across[i] + ahead * along[i]
+            elif form_of_lobe == LONG:
+                _long_base(lobes[k], along, across, of_light, of_viewer, base)
+            elif form_of_lobe == BRUSHED:
+                _brushed_base(lobes[k], along, across, cosine, outward, steps[7], of_light, of_viewer, base)
             else:
-                if form_of_lobe != ROUND_HALFWAY:
-                    _along_tangent(tangent, plane, steps[8], begin, way, of_light, of_viewer)
-                    plane += 4
-                if form_of_lobe == ROUND_HALFWAY:
-                    _round_halfway_base(lobes[k], along, across, cosine, outward, steps[7], base)
-                elif form_of_lobe == BRUSHED:
-                    _halfway_base(lobes[k], along, across, cosine, outward, steps[7], of_light, of_viewer, base)
-                else:
-                    _brushed_base(lobes[k], along, across, of_light, of_viewer, base)
-                if not _shows(base, dark, form, mine, which):
-                    continue
+                _round_halfway_base(lobes[k], along, across, cosine, outward, steps[7], base)
+            if form_of_lobe != ROUND and not _shows(base, dark, form, mine, which):
+                continue
             if not begun:
                 red[:], green[:], blue[:] = ZERO, ZERO, ZERO
                 begun = True
             exponent, r, g, b = lobes[k, 6], lobes[k, 0], lobes[k, 1], lobes[k, 2]
-            if form_of_lobe == ROUND:
-                for i in range(LANES):
-                    base[i] = aside * across[i] + ahead * along[i]
             for i in range(LANES):
                 value = base[i]
                 strength = power(min(max(value, dark), ONE), exponent)

@@ -44,7 +44,7 @@ class Items:
 
     normal: Num[np.ndarray, "3 item"]
     diffuse: Num[np.ndarray, "3 item"]  # albedo / pi * throughput
-    gloss: Num[np.ndarray, "axis shiny"]  # lobe gain * throughput; the next four too of length 0 without lobes
+    gloss: Num[np.ndarray, "axis shiny"]  # lobe gain * throughput; of length 0 without lobes, as are the next two
     facing: Num[np.ndarray, " shiny"]  # the cosine between the normal and the direction to the viewer
     tangent: Num[np.ndarray, "plane brushed"]  # of each lobe that is not round: the tangent, and it along the viewer
     steps: Float32[np.ndarray, "9"]  # of the normal, three of diffuse, three of gloss, of facing, of the tangent

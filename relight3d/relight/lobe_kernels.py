@@ -92,7 +92,7 @@ def _planes(values, plane, a, b):
 
 
 @fused_inlined
-def _brushed_base(lobe, tangent, viewer, way, along, across, work, base):
+def _long_base(lobe, tangent, viewer, way, along, across, work, base):
     """The base of an anisotropic Lafortune lobe, from what an isotropic one is made of and the part along the tangent."""
     of_light, of_viewer = work[0, : len(base)], work[1, : len(base)]
     of_light[:], of_viewer[:] = ZERO, ZERO
@@ -121,7 +121,7 @@ def _split_halfway(normal, viewer, way, work, level, forward):
 
 
 @fused_inlined
-def _brushed_halfway_base(lobe, tangent, work, level, forward, base):
+def _brushed_base(lobe, tangent, work, level, forward, base):
     """The base of a brushed highlight, maths.halfway."""
     n = len(base)
     base[:] = ZERO
@@ -151,10 +151,11 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, g
     begun, is_split, is_halved, plane = False, False, False, 0
     for k in range(rows[0], rows[1]):
         form = lobes[k, 10]
-        if form >= LONG and not is_split:
+        is_lafortune = form in (ROUND, LONG)
+        if is_lafortune and not is_split:
             _split_facing(normals, facing, way, along, across)
             is_split = True
-        if form <= BRUSHED and not is_halved:
+        if not is_lafortune and not is_halved:
             _split_halfway(normals, facing, way, rest, level, forward)
             is_halved = True
         if form == ROUND:
@@ -167,9 +168,9 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, g
             turned = _planes(tangent, plane, *ends)
             plane += 3
             if form == BRUSHED:
-                _brushed_halfway_base(lobes[k], turned, rest, level, forward, base)
+                _brushed_base(lobes[k], turned, rest, level, forward, base)
             else:
-                _brushed_base(lobes[k], turned, facing, way, along, across, work[SPARE:], base)
+                _long_base(lobes[k], turned, facing, way, along, across, work[SPARE:], base)
         dark, num = lobes[k, 11], 0
         for i in range(len(base)):
             num += base[i] > dark

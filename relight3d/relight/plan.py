@@ -74,10 +74,7 @@ def _with_options(line: PlanLine, options: RelightOptions, view: View) -> PlanLi
     o, number = options, line.effect.removeprefix("lobe ")
     off_by = {
         "shadows": (o.shadows == "off", "option shadows=off"),
-        "borders": (
-            not o.borders or o.shadows in ("off", "table"),
-            f"options shadows={o.shadows}, borders={o.borders}",
-        ),
+        "borders": (not o.borders or o.shadows == "off", f"options shadows={o.shadows}, borders={o.borders}"),
         "outlines": (o.edge_samples == 1, "option edge_samples=1"),
         "mirror": (o.max_bounces == 0, "option max_bounces=0"),
         "second mirror": (o.max_bounces < 2, f"option max_bounces={o.max_bounces}"),

@@ -126,7 +126,14 @@ def _by_geometry(model: RelightModel) -> list[PlanLine]:
         lines.append(PlanLine("thrown", mirror.surface, name_of(model, mirror.surface), mirror.throws_light, why))
     for surface, lobes in enumerate(model.lobes):
         for number, lobe in enumerate(lobes, start=1):
-            kind = "isotropic" if lobe.axes[0] == lobe.axes[1] else "brushed" if lobe.is_halfway else "anisotropic"
+            is_round = lobe.axes[0] == lobe.axes[1]
+            kind = (
+                ("half-way" if is_round else "brushed")
+                if lobe.is_halfway
+                else "isotropic"
+                if is_round
+                else "anisotropic"
+            )
             why = f"{kind}, exponent {lobe.exponent:.3g}, colour {np.round(lobe.color, 3).tolist()}"
             lines.append(PlanLine(f"lobe {number}", surface, name_of(model, surface), True, why, "with the lobes"))
     mirrors, has_background = model.mirrors, model.background is not None

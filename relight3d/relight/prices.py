@@ -20,7 +20,7 @@ import numpy as np
 from relight3d.lights import Light
 from relight3d.maths.color import srgb_from_linear
 from relight3d.records import Capture, Frame, Price, RelightModel
-from relight3d.relight.calibrate import nudged
+from relight3d.relight.calibrate import fill_tables, nudged
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
 from relight3d.relight.work import nominal_work, work_of
@@ -121,9 +121,9 @@ def _price(shop: Shop, name: str, changes: Changes) -> Price:
     relighter, frames = shop.exact, shop.frames
     if changes:
         relighter = shop.exact.with_options(replace(RelightOptions(), **changes))
+        # Shadows looked up are counted as they are from the second time on that lights come from there.
+        fill_tables(relighter, [nudged(each, shop.exact.model.mesh.radius) for each in shop.lights])
         frames = [relighter.render(each) for each in shop.lights]
-    if relighter.options.shadows == "table":  # as it is once a table knows the lights about
-        frames = [relighter.render(nudged(each, shop.exact.model.mesh.radius)) for each in shop.lights]
     square = _difference(frames, shop.frames)
     return Price(
         name=name,

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable
 from copy import copy
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
@@ -85,8 +85,11 @@ class Relighter:
         self.view_ms = 1e3 * (time.perf_counter() - start)
 
     def _pack(self) -> None:
-        engine = _engine_class(self.options)
-        self._engine = None if engine is None else engine(self._scene, self.model, self.view, self.options)
+        options = self.options
+        if len(self.view.surface) == 0:  # nothing is in view, and a lattice of nothing has no slots
+            options = replace(options, shading="exact", shadows="exact")
+        engine = _engine_class(options)
+        self._engine = None if engine is None else engine(self._scene, self.model, self.view, options)
 
     def render(self, lights: Iterable[Light]) -> Frame:
         """Linear radiance under the lights (world coordinates)."""
@@ -108,14 +111,19 @@ class Relighter:
             partial(_terms, self._scene, self.model, self.view, self.options, centred),
         )
 
-    def bake_shadows(self, progress: Callable[[float], object] = lambda part: None) -> None:
-        """Cast ahead what `shadows="table"` keeps, so that no frame waits for it; other settings have nothing to bake.
+    def bake_shadows(self, progress: Callable[[float], object] = lambda part: None) -> float:
+        """Cast ahead what `shadows="table"` keeps, so that no frame waits for it. Returns what part of it there is room for.
 
-        Seconds, once a viewpoint (docs/performance.md). Without it a direction is cast when a light first comes from
-        there, which makes that frame up to three times as long. `progress` is called with the part done, 0 to 1.
+        Some seconds, once a viewpoint (docs/performance.md); other settings have nothing to bake (1.0). Without it, at the
+        captured viewpoint a direction is cast when a light first comes from near it, which makes that frame up to three
+        times as long; at others shadows are cast in every frame. `progress` is called with the part done, 0 to 1.
         """
-        if self._engine is not None:
-            self._engine.bake_shadows(progress)
+        part = 1.0 if self._engine is None else self._engine.bake_shadows(progress)
+        if part < 1.0:
+            logger.warning(
+                "table_mb holds %.0f %% of the lights' directions: low lights are cast when they come", 100 * part
+            )
+        return part
 
     @property
     def plan(self) -> "Plan":

@@ -6,7 +6,7 @@ for a direction in between is the blend of its three neighbours', and where it p
 one, off by the bend of its way between the neighbours (a second-order term). Blending the shadows themselves would
 show three faint ones. What is lost are shadows narrower than the step from one direction to the next, and sharp corners.
 
-Nothing is cast ahead of its use unless asked for (`fill`): a direction is cast in the first frame that needs it, and
+Nothing is cast ahead of its use unless asked for: a direction is cast in the first frame that needs it, and
 those not used for longest make room.
 """
 
@@ -21,6 +21,8 @@ from relight3d.relight import table_kernels
 from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.half_view import aligned
 
+LIFT = 2e-3
+
 Distance = Float32[np.ndarray, " slot"]
 Way = Float64[np.ndarray, "3"]
 Cast = Callable[
@@ -28,7 +30,7 @@ Cast = Callable[
 ]  # distances to edges, half_cast_kernels.edge_distances; of length 0 where no slot is lit
 
 
-class Kept:
+class KeptDirections:
     """What is kept of a view's directions, for all its tables; those not used for longest make room."""
 
     def __init__(self, num_slots: int, megabytes: int) -> None:
@@ -65,7 +67,10 @@ class Kept:
 
 
 class ShadowTable:
-    """Of one view and one way that light takes, `name`: straight, or by a mirror. `pole`: the map's middle."""
+    """Of one view and one way that light takes, `name`: straight, or by a mirror.
+
+    `pole`: the map's middle, which stands upright on the ground where there is one.
+    """
 
     def __init__(
         self,
@@ -73,13 +78,17 @@ class ShadowTable:
         geometric: Float32[np.ndarray, "3 slot"],
         side: int,
         pole: Way,
-        kept: Kept,
+        is_on_ground: bool,
+        kept: KeptDirections,
         name: int,
     ) -> None:
         self._lattice, self._geometric, self._side = lattice, geometric, side
         self._kept, self._name = kept, name
         self._axes = np.stack([*_across(pole), pole])  # to the map's own
         self._ways = octahedral_directions(side) @ self._axes
+        if is_on_ground:  # light along it comes from nowhere: those on the horizon stand for what is just above
+            self._ways += LIFT * (np.abs(self._ways @ pole) < LIFT / 2)[:, None] * pole
+            self._ways /= np.linalg.norm(self._ways, axis=1, keepdims=True)
         self._far = np.empty(lattice.num_grid, np.float32)
 
     def look_up(self, way: Way, cast: Cast, arrival: Way | None = None) -> tuple[Distance, int]:
@@ -95,20 +104,13 @@ class ShadowTable:
         num_lit = table_kernels.blend(one, two, three, np.array(shares, np.float32), self._geometric, facing, out)
         return out, num_lit
 
-    def fill(self, cast: Cast, height: float, progress: Callable[[float], object] = lambda part: None) -> None:
-        """Cast everything ahead, as far as there is room: directions at least so high over the pole's plane."""
-        wanted = np.flatnonzero(self._ways @ self._axes[2] >= height)
-        for done, k in enumerate(wanted):
-            if self._kept.is_full:
-                break
-            self._entry(int(k), cast)
-            progress(done / len(wanted))
-        progress(1.0)
+    def heights(self) -> Float64[np.ndarray, " direction"]:
+        """How high over the pole's plane each direction is that can be asked for: its sine."""
+        return self._ways @ self._axes[2]
 
-    @property
-    def step(self) -> float:
-        """The angle from one direction to the next, about, in radians."""
-        return float(np.sqrt(4 * np.pi) / self._side)
+    def learn(self, k: int, cast: Cast) -> None:
+        """Cast direction k, unless it is there."""
+        self._entry(k, cast)
 
     def _entry(self, k: int, cast: Cast) -> Int8[np.ndarray, " slot"]:
         entry = self._kept.get((self._name, k))

@@ -12,7 +12,7 @@ def on_octahedron(ways: np.ndarray) -> np.ndarray:
     return ways / np.abs(ways).sum(axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize("side", [1, 2, 7, 16])
+@pytest.mark.parametrize("side", [2, 8, 96])
 def test_three_directions_make_up_any(side: int) -> None:
     """On the octahedron itself shares are exact, poles, equator and seams included."""
     ways = np.random.default_rng(side).normal(size=(500, 3))
@@ -21,8 +21,7 @@ def test_three_directions_make_up_any(side: int) -> None:
     for way in ways:
         at, shares = directions_about(way, side)
         assert min(shares) >= -1e-12 and sum(shares) == pytest.approx(1.0)
-        if side % 2 == 0:  # with an odd number the octahedron's own edges are not on the lattice
-            np.testing.assert_allclose(np.array(shares) @ corners[list(at)], on_octahedron(way), atol=1e-12)
+        np.testing.assert_allclose(np.array(shares) @ corners[list(at)], on_octahedron(way), atol=1e-12)
 
 
 def test_directions_are_unit_and_nearly_even() -> None:

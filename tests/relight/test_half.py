@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight3d.camera import Camera, look_at
 from relight3d.lights import Light
 from relight3d.records import RelightModel
 from relight3d.relight import half_engine
@@ -155,6 +156,16 @@ def test_single_rays_give_the_same(monkeypatch: pytest.MonkeyPatch, lights: list
     single = half(model).render(lights)
     assert single.stats.rays == packets.stats.rays
     assert worst_difference(single.radiance, packets.radiance, 1 / model.exposure) < RELATIVE
+
+
+@pytest.mark.parametrize("shadows", ["exact", "table"])
+def test_a_view_of_nothing_is_black(shadows: str) -> None:
+    model = models.plain()
+    up = look_at(model.mesh.center + [0.0, 0.0, 5.0], model.mesh.center + [0.0, 0.1, 9.0])
+    relighter = Relighter(model, Camera.from_transform(up, model.camera), replace(HALF, shadows=shadows))
+    frame = relighter.render([models.SUN, models.LAMP])
+    assert not frame.is_hit.any() and not frame.radiance.any()
+    assert relighter.bake_shadows() == 1.0
 
 
 def test_the_fast_preset_is_half_resolution() -> None:

@@ -112,6 +112,14 @@ def test_what_does_not_exist_cannot_be_forced(word: str) -> None:
         apply_plan(rich_model(), parse_force([word]))
 
 
+def test_shadows_looked_up_have_borders() -> None:
+    options = RelightOptions(shading="half", shadows="table")
+    on = {line.effect: line.is_on for line in Relighter(rich_model(), options=options).plan.lines}
+    assert on["shadows"] and on["borders"]
+    off = Relighter(rich_model(), options=RelightOptions(shadows="off")).plan.lines
+    assert not any(line.is_on for line in off if line.effect in ("shadows", "borders"))
+
+
 def test_rays_are_forced_by_options() -> None:
     force = parse_force(["borders=off", "second mirror=off"])
     options = forced_options(RelightOptions(), force)

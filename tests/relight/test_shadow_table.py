@@ -19,8 +19,8 @@ WAYS = [DirectionalLight((x, y, 0.8), 2.0) for x, y in ((0.31, -0.42), (-0.5, 0.
 
 
 def relighters(model: RelightModel, **changes) -> tuple[Relighter, Relighter]:
-    """Of one view, with shadows cast and looked up."""
-    cast = Relighter(model, models.other_camera(model).resized(241, 180), CAST)
+    """At the captured viewpoint, with shadows cast and looked up."""
+    cast = Relighter(model, model.camera.resized(241, 180), CAST)
     return cast, cast.with_options(replace(TABLE, **changes))
 
 
@@ -91,8 +91,8 @@ def test_the_first_frame_casts_and_the_next_ones_do_not() -> None:
 def test_baked_frames_cast_no_ray() -> None:
     _, looked_up = relighters(models.full(), table_directions=256)
     parts: list[float] = []
-    looked_up.bake_shadows(parts.append)
-    assert parts[-1] == 1.0 and parts == sorted(parts)
+    part = looked_up.bake_shadows(parts.append)
+    assert part == 1.0 and parts[-1] == 1.0 and parts == sorted(parts)
     frames = [looked_up.render([way]) for way in WAYS]
     assert all(frame.stats.num_rays == 0 for frame in frames)
     lazily = relighters(models.full(), table_directions=256)[1]
@@ -100,9 +100,44 @@ def test_baked_frames_cast_no_ray() -> None:
         np.testing.assert_array_equal(frame.radiance, lazily.render([way]).radiance)
 
 
+def test_with_little_room_high_lights_are_baked_of_all_tables(caplog: pytest.LogCaptureFixture) -> None:
+    _, looked_up = relighters(models.full(), table_mb=2)
+    part, directions = looked_up.bake_shadows(), looked_up._engine.shadows.directions
+    assert 0 < part < 1 and "table_mb" in caplog.text and directions.is_full
+    there = {via: [k for of, k in directions._entries if of == via] for via in tables(looked_up)}
+    for via, known in there.items():
+        heights = tables(looked_up)[via].heights()
+        assert known and heights[known].min() > 0.5
+    assert directions.num_bytes <= looked_up._engine.num_bytes - looked_up._engine.buffers.num_bytes
+
+
+def test_elsewhere_shadows_are_cast_until_they_are_baked() -> None:
+    """A camera that moves looks at each view once: three directions for one light would be dearer than the light."""
+    model = models.full()
+    camera = models.other_camera(model)
+    cast, looked_up = (Relighter(model, camera, options) for options in (CAST, replace(TABLE, table_directions=256)))
+    theirs, ours = (each.render([WAYS[0]]) for each in (cast, looked_up))
+    np.testing.assert_array_equal(ours.radiance, theirs.radiance)
+    assert ours.stats.rays == theirs.stats.rays
+    looked_up.bake_shadows()
+    assert looked_up.render([WAYS[1]]).stats.num_rays == 0
+
+
 def test_other_settings_have_nothing_to_bake() -> None:
     for options in (RelightOptions(), CAST, RelightOptions(backend="numpy")):
         Relighter(models.plain(), options=options).bake_shadows()
+
+
+@pytest.mark.parametrize("height_deg", [0.05, 0.2, 0.8, 2.0, 5.0])
+def test_low_lights_are_no_darker(height_deg: float) -> None:
+    """No light comes from along the ground itself: the table's directions there stand for what is just above."""
+    cast, looked_up = relighters(models.full())
+    azimuth, height = np.deg2rad([10.0, 80.0, 200.0, 305.0]), np.deg2rad(height_deg)
+    lights = [
+        DirectionalLight((np.cos(a) * np.cos(height), np.sin(a) * np.cos(height), np.sin(height)), 2.0) for a in azimuth
+    ]
+    theirs, ours = (np.stack([each.render([light]).radiance for light in lights]) for each in (cast, looked_up))
+    assert np.abs(ours - theirs).mean() < 0.05 * theirs.mean()
 
 
 def test_thrown_light_is_looked_up() -> None:
@@ -124,7 +159,10 @@ def test_lamps_and_lights_from_below_are_cast() -> None:
     for light in (models.LAMP, models.SPOT, DirectionalLight((0.2, 0.3, -0.5), 2.0)):
         ours, theirs = (each.render([light]) for each in (looked_up, cast))
         assert not any(of == -1 for of, _ in looked_up._engine.shadows.directions._entries)
-        if light.kind != "directional":  # of a light from below, what a mirror throws is looked up
+        if light.kind == "directional":  # of a light from below, what a mirror throws is looked up
+            without = [each.with_options(replace(each.options, thrown=False)) for each in (cast, looked_up)]
+            np.testing.assert_array_equal(*(each.render([light]).radiance for each in without))
+        else:
             np.testing.assert_array_equal(ours.radiance, theirs.radiance)
             assert ours.stats.rays == theirs.stats.rays
 

@@ -1,0 +1,57 @@
+"""Normals tilted from shading: what the photographs say, wherever the points are cut into parts."""
+
+import numpy as np
+import pytest
+
+from relight3d.maths.lafortune import tangent_frame
+from relight3d.records import Lobe
+from relight3d.recover import detail
+from relight3d.shading import lobe_brdf
+
+LOBES = (Lobe(np.full(3, 0.3), np.array([-1.0, -1.0, 1.0]), 8.0),)
+
+
+def bumpy(num: int = 400, num_photos: int = 9) -> tuple[detail.DetailData, np.ndarray]:
+    """A flat surface with tilted normals, photographed without noise; and those normals."""
+    rng = np.random.default_rng(5)
+    flat = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (num, 1))
+    tangent, bitangent = tangent_frame(flat)
+    tilted = detail._tilted(flat, tangent, bitangent, rng.normal(0, 0.05, (num, 2)).astype(np.float32))
+    ways = rng.normal(size=(num_photos, 1, 3)) + [0.0, 0.0, 2.0]
+    ways = (ways / np.linalg.norm(ways, axis=-1, keepdims=True)).astype(np.float32)
+    viewer = np.tile(np.array([0.0, -0.6, 0.8], np.float32), (num, 1))
+    albedo, is_lit = np.full((num, 3), 0.5, np.float32), rng.random((num_photos, num, 1)) > 0.2
+    falloff = (2.0 * is_lit).astype(np.float32)
+    measured = np.empty((num_photos, num, 3), np.float32)
+    for k, way in enumerate(ways):
+        to_light = np.broadcast_to(way, flat.shape)
+        form = falloff[k] * np.maximum(tilted @ way[0], 0)[:, None]
+        measured[k] = (albedo / np.pi + lobe_brdf(LOBES, tilted, to_light, viewer)) * form
+    weight = np.ones((num_photos, num), np.float32)
+    data = detail.DetailData(ways, falloff, measured, np.zeros_like(measured), weight, albedo, flat, viewer)
+    return data, tilted
+
+
+def test_tilts_are_found() -> None:
+    data, tilted = bumpy()
+    found = detail.perturb_normals(data, LOBES, 1.0, detail.DetailOptions(damping=1e-4))
+    before, after = (
+        np.degrees(np.arccos(np.clip((each * tilted).sum(axis=1), -1, 1))) for each in (data.normal, found)
+    )
+    assert np.median(after) < 0.1 * np.median(before)
+    mode, _, gain_db = detail.choose_detail(data, LOBES, 1.0, detail.DetailOptions())
+    assert mode == "normal" and gain_db > 10
+
+
+@pytest.mark.parametrize("num", [1, 37, 400])
+def test_parts_of_points_give_the_same(monkeypatch: pytest.MonkeyPatch, num: int) -> None:
+    data, _ = bumpy()
+    whole = detail.perturb_normals(data, LOBES, 1.0, detail.DetailOptions())
+    monkeypatch.setattr(detail, "POINTS", num)
+    np.testing.assert_allclose(detail.perturb_normals(data, LOBES, 1.0, detail.DetailOptions()), whole, atol=1e-6)
+
+
+def test_without_highlights_there_is_no_gain_to_choose() -> None:
+    data, _ = bumpy()
+    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions(mode="lobe")) == ("off", 0.02, 0.0)
+    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions())[0] == "normal"
