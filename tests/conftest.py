@@ -2,8 +2,11 @@
 
 import functools
 import inspect
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numba
+import pytest
 
 
 def _on_unwrapped(compile_function):
@@ -25,3 +28,14 @@ def _on_unwrapped(compile_function):
 
 for _name in ("jit", "njit", "vectorize", "guvectorize"):
     setattr(numba, _name, _on_unwrapped(getattr(numba, _name)))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def quick_to_bake() -> Iterator[None]:
+    """The preset that casts shadows ahead, with a few hundred directions: thousands take ten seconds in any picture."""
+    from relight3d.relight.options import PRESETS
+
+    given = PRESETS["baked"]
+    PRESETS["baked"] = replace(given, table_directions=256)
+    yield
+    PRESETS["baked"] = given

@@ -52,13 +52,6 @@ def moving_light(index: int, color: tuple[float, float, float] = (3.0, 3.0, 3.0)
     return DirectionalLight((np.cos(angle), np.sin(angle), 1.2), color)
 
 
-def scattered_light(index: int) -> DirectionalLight:
-    """Lights all over the upper half: golden angles and ratios, so that none is near another for long."""
-    angle, height = 2.39996 * index, 0.15 + 0.8 * (0.618034 * index % 1.0)
-    ring = np.sqrt(1 - height**2)
-    return DirectionalLight((ring * np.cos(angle), ring * np.sin(angle), height), (3.0, 3.0, 3.0))
-
-
 def three_lights(index: int) -> list[DirectionalLight]:
     """Red, green and blue, each moving."""
     colors = ((3.0, 0.5, 0.5), (0.5, 3.0, 0.5), (0.5, 0.5, 3.0))
@@ -101,12 +94,9 @@ def frames(model: RelightModel, camera: Camera) -> tuple[Relighter, dict[str, Co
     """Our frames: the presets, three lights, a new colour, a new viewpoint."""
     exact = Relighter(model, camera)
     contenders: dict[str, Contender] = {"frame, exact": lambda k: exact.render([moving_light(k)])}
-    for name in ("balanced", "fast"):
+    for name in ("balanced", "fast", "baked"):
         other = Relighter(model, camera, PRESETS[name])
-        other.bake_shadows()
         contenders[f"frame, {name}"] = lambda k, other=other: other.render([moving_light(k)])
-    lazy = Relighter(model, camera, PRESETS["fast"])
-    contenders["frame, fast, light not seen before"] = lambda k: lazy.render([scattered_light(k)])
     contenders["frame, three lights"] = lambda k: exact.render(three_lights(k))
     fixed = Relighter(model, camera)
     contenders["frame, new colour"] = lambda k: fixed.render([moving_light(0, (1.0 + k, 2.0, 3.0))])

@@ -56,7 +56,7 @@ def ladder(num_photographs: int, quick: bool) -> list[Setting]:
     """All settings, the most telling first, so that a short time budget leaves out the least."""
     render = [_render(*row) for row in _RENDER if not (quick and row[0] in _LONG)]
     render += [Setting(RENDER, "resolution", f"frames at {r:.0%}", resolution=r) for r in (0.5, 0.71)]
-    render += [Setting(RENDER, "combined", f"preset {name}", preset=name) for name in ("balanced", "fast")]
+    render += [Setting(RENDER, "combined", f"preset {name}", preset=name) for name in ("balanced", "fast", "baked")]
     counts = [n for n in ((6, 12) if quick else (4, 6, 8, 12, 16, 20)) if n < num_photographs]
     recovery = [Setting(RECOVERY, "photographs", f"{n} photographs", photographs=n) for n in counts]
     rows = _RECOVERY_FIRST + ([] if quick else _RECOVERY_REST)

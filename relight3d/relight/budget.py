@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # A preset is the cheapest point of the front that loses no more than this to the exact setting.
-PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.2, "fast": 3.75}
+PRESET_LOSS_DB = {"exact": 0.0, "balanced": 0.2, "fast": 2.0}
 NUM_TRIALS = 6  # settings that are timed at most, beside the exact and the cheapest one
 TOLERANCE = 1.05  # a median so much above the budget still fits it: medians of a few frames are no surer
 
@@ -79,10 +79,12 @@ def choose_options(
 def preset_for(model: "RelightModel", name: str) -> RelightOptions:
     """A preset as a point of the model's own front, the work counted, not timed; without a price list the general one.
 
+    So is "baked" always: what is cast ahead is no work of a frame.
+
     Raises InputError for another name.
     """
     general = preset_options(name)
-    if name == "exact" or not model.prices:
+    if name not in PRESET_LOSS_DB or name == "exact" or not model.prices:
         return general
     costs = [nominal_work(price.work, model.prices[0].work) for price in model.prices]
     nowhere = np.full(len(costs), np.inf)

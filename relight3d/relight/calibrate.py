@@ -37,10 +37,8 @@ def nudged(lights: Iterable[Light], radius: float, steps: int = 1) -> list[Light
 def frame_clocks(relighter: "Relighter") -> dict[str, float]:
     """Milliseconds of a frame by what they were spent on (work.KINDS_OF_CLOCK): of the frame of median time.
 
-    As a user sees it whose light moves: under the model's own lights, shadows cast in every frame, or looked up where lights
-    have been before.
+    As a user sees it whose light moves: under the model's own lights, shadows cast in every frame.
     """
-    fill_tables(relighter, relighter.given_model.lights)
     return _median_clocks(_moving_frames(relighter, NUM_FRAMES, NUM_WARM, CALIBRATION_S))
 
 
@@ -49,7 +47,6 @@ def clocks_beside(relighter: "Relighter", standard: "Relighter", standard_ms: fl
     that what else the machine does falls on both, and the median of their ratios counts.
     """
     for each in (standard, relighter):
-        fill_tables(each, each.given_model.lights)
         _moving_frames(each, NUM_WARM, 0)
     frames, ratios = [], []
     begin = time.perf_counter()
@@ -85,13 +82,6 @@ def _pair_times(one: "Relighter", other: "Relighter", num_pairs: int) -> Float64
 def frame_times_ms(relighter: "Relighter", num_frames: int = NUM_FRAMES) -> Float64[np.ndarray, " frame"]:
     """Milliseconds of each frame, its light moved from the one before."""
     return np.array([took_ms for _, took_ms in _moving_frames(relighter, num_frames)])
-
-
-def fill_tables(relighter: "Relighter", lights: Iterable[Iterable[Light]]) -> None:
-    """Shadows that are looked up are there for the lights that frames are measured under."""
-    if relighter.options.shadows == "table":
-        for each in lights:
-            relighter.render(each)
 
 
 def _moving_frames(

@@ -40,9 +40,7 @@ class HalfEngine(Engine):
         self.lattice = find_half_lattice(view, self.buffers)
         self.slots = pack_slots(self.lattice, self.buffers)
         self.items = pack_items(self.lattice, model, model.residual, view, self.buffers, options.precision)
-        # A view that is looked at once, as a moving camera's, would cast three directions for one light.
-        looks_up = np.array_equal(view.camera.world_from_camera, model.camera.world_from_camera)
-        self.shadows = HalfShadows(scene, model, self.lattice, self.slots, options, looks_up)
+        self.shadows = HalfShadows(scene, model, self.lattice, self.slots, options)
         at = np.maximum(self.lattice.point, 0)
         self.sites = self.buffers.sites
         self._read = (NO_SOURCE, NO_SHARE)
@@ -81,7 +79,7 @@ class HalfEngine(Engine):
 
     def bake_shadows(self, progress: Callable[[float], object]) -> float:
         """Relighter.bake_shadows."""
-        return self.shadows.fill_tables(progress)
+        return self.shadows.bake(progress)
 
     @property
     def num_bytes(self) -> int:

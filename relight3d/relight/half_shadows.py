@@ -32,7 +32,7 @@ NOWHERE: Distance = np.zeros(0, np.float32)  # of a patch that no slot is in
 
 
 class HalfShadows(KeptAnswers[Distance]):
-    """The shadow rays of one view's slots, or what is looked up instead (`looks_up`).
+    """The shadow rays of one view's slots, or what is looked up instead once they are baked.
 
     `rays` counts those of the lights asked for since `start_frame`.
     """
@@ -44,7 +44,6 @@ class HalfShadows(KeptAnswers[Distance]):
         lattice: HalfLattice,
         slots: Slots,
         options: RelightOptions,
-        looks_up: bool = True,
     ) -> None:
         super().__init__(options.keep_lights)
         self._scene, self._lattice, self._slots, self._options = scene, lattice, slots, options
@@ -60,86 +59,82 @@ class HalfShadows(KeptAnswers[Distance]):
         geometry = (slots.lane_position, slots.lane_geometric)
         self._thrown = Thrown(scene, model, *geometry, slots.lane_geometric)
         self._mirrors = model.mirrors
-        self.directions: KeptDirections | None = None  # that tables know
+        self.directions: KeptDirections | None = None  # that tables know, once they are baked
         self._tables: dict[int, ShadowTable] = {}  # by the mirror that turns the light, or STRAIGHT
-        if options.shadows == "table":
-            pole = self._ground[1] if len(self._ground) else np.array([0.0, 0.0, 1.0])
-            side = round(options.table_directions**0.5)
-            vias = [STRAIGHT, *(k for k, mirror in enumerate(model.mirrors) if mirror.throws_light)]
-            self.directions = KeptDirections(num, options.table_mb)
-            given = (lattice, slots.geometric, side, pole, len(self._ground) > 0, self.directions)
-            self._tables = {via: ShadowTable(*given, via) for via in vias}
-        self._looks_up = looks_up
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""
-        if self._looks_up and self._tables and isinstance(light, DirectionalLight) and self._is_above(light):
-            make = partial(self._look_up, np.asarray(light.to_light, np.float64), effect)
-        else:
-            make = partial(self._cast, light_row(light)[None], effect)
-        return self.keep(geometry_key(light), make)
+        return self.keep(geometry_key(light), partial(self._make, light, effect))
 
     def thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Distance:
         """The same of the patch that a mirror throws, as if from a `virtual` light behind it: its edge is half-way.
 
         NOWHERE where no slot is in it.
         """
-        if self._looks_up and self._tables and isinstance(light, DirectionalLight):
-            make = partial(self._look_up_thrown, np.asarray(light.to_light, np.float64), mirror_index)
-        else:
-            make = partial(self._cast_thrown, light, virtual[None], mirror_index)
-        return self.keep((*geometry_key(light), mirror_index), make)
+        return self.keep((*geometry_key(light), mirror_index), partial(self._make_thrown, light, virtual, mirror_index))
 
-    def fill_tables(self, progress: Callable[[float], object]) -> float:
-        """Cast ahead what may be asked for, high lights first, as far as there is room; what part of it is there now.
+    def bake(self, progress: Callable[[float], object]) -> float:
+        """Cast ahead the directions that lights at infinity may come from, high ones first, as far as there is room.
 
-        From now on shadows are looked up, if they were not before.
+        Returns what part of them is there. From now on shadows are looked up where their directions are.
         """
-        if self.directions is None:
-            return 1.0
-        self.start_frame(0)
-        self._looks_up = True
-        least = -1.0 if len(self._ground) == 0 else 0.0
-        wanted = [
-            (h, via, k) for via, table in self._tables.items() for k, h in enumerate(table.heights()) if h >= least
-        ]
+        options, num = self._options, len(self._lattice.point)
+        has_ground = len(self._ground) > 0
+        pole = self._ground[1] if has_ground else np.array([0.0, 0.0, 1.0])
+        directions = KeptDirections(num, options.table_mb)
+        given = (
+            self._lattice,
+            self._slots.geometric,
+            round(options.table_directions**0.5),
+            pole,
+            has_ground,
+            directions,
+        )
+        vias = [STRAIGHT, *(k for k, mirror in enumerate(self._mirrors) if mirror.throws_light)]
+        tables = {via: ShadowTable(*given, via) for via in vias}
+        least = 0.0 if has_ground else -1.0
+        wanted = [(h, via, k) for via, table in tables.items() for k, h in enumerate(table.heights()) if h >= least]
         wanted.sort(key=lambda each: -each[0])
-        done = 0
+        self.start_frame(0)
         for done, (_, via, k) in enumerate(wanted, start=1):
-            self._tables[via].learn(k, self._caster(via, "shadow"))
+            tables[via].learn(k, partial(self._cast_way, via))
             progress(done / len(wanted))
-            if self.directions.is_full:
+            if directions.is_full:
                 break
-        return done / len(wanted)
+        self.directions, self._tables = directions, tables
+        self.forget()
+        return len(directions) / len(wanted)
+
+    def _make(self, light: Light, effect: str) -> Distance:
+        if self._tables and isinstance(light, DirectionalLight) and self._is_above(light):
+            found = self._tables[STRAIGHT].look_up(np.asarray(light.to_light, np.float64))
+            if found is not None:
+                return found[0]
+        return self._cast(light_row(light)[None], effect)
+
+    def _make_thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Distance:
+        if self._tables and isinstance(light, DirectionalLight):
+            way, normal = np.asarray(light.to_light, np.float64), self._mirrors[mirror_index].normal
+            if way @ normal <= 0:
+                return NOWHERE
+            found = self._tables[mirror_index].look_up(way, way - 2 * (way @ normal) * normal)
+            if found is not None:
+                return found[0] if found[1] else NOWHERE
+        return self._cast_thrown(light, virtual[None], mirror_index)
 
     def _is_above(self, light: DirectionalLight) -> bool:
         """From under the ground no slot is lit, but beside it: too sharp a change to be kept by directions."""
         return len(self._ground) == 0 or bool(self._ground[1] @ light.to_light > 0)
 
-    def _look_up(self, way: Way, effect: str) -> Distance:
-        return self._tables[STRAIGHT].look_up(way, self._caster(STRAIGHT, effect))[0]
-
-    def _look_up_thrown(self, way: Way, mirror_index: int) -> Distance:
-        normal = self._mirrors[mirror_index].normal
-        if way @ normal <= 0:
-            return NOWHERE
-        arrival = way - 2 * (way @ normal) * normal
-        table = self._tables[mirror_index]
-        distance, num_lit = table.look_up(way, self._caster(mirror_index, "thrown"), arrival)
-        return distance if num_lit else NOWHERE
-
-    def _caster(self, via: int, effect: str) -> Callable[[Way], Distance]:
-        """What casts a direction's shadow: straight, or by a mirror."""
+    def _cast_way(self, via: int, way: Way) -> Distance:
+        """A direction's shadow: straight, or by a mirror."""
+        light = DirectionalLight(tuple(way), 1.0)
+        row = light_row(light)
         if via == STRAIGHT:
-            return lambda way: self._cast(light_row(DirectionalLight(tuple(way), 1.0))[None], effect)
-
-        def cast(way: Way) -> Distance:
-            light, normal = DirectionalLight(tuple(way), 1.0), self._mirrors[via].normal
-            row = light_row(light)
-            row[PLACE : PLACE + 3] = way - 2 * (way @ normal) * normal
-            return self._cast_thrown(light, row[None], via)
-
-        return cast
+            return self._cast(row[None], "shadow")
+        normal = self._mirrors[via].normal
+        row[PLACE : PLACE + 3] = way - 2 * (way @ normal) * normal
+        return self._cast_thrown(light, row[None], via)
 
     def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Distance:
         has_shadows = self._options.shadows != "off"

@@ -123,7 +123,7 @@ def _tangents(
     place: Float32[np.ndarray, "3 item"],
     normal: Float32[np.ndarray, "3 item"],
     viewer: Float32[np.ndarray, "3 item"],
-) -> Float32[np.ndarray, "plane item"]:
+) -> Float32[np.ndarray, "plane brushed"]:
     """Items.tangent."""
     given = (buffers.lobes, buffers.lobe_start, np.maximum(surface, 0).astype(np.int32))
     tangents = tangents_of(*given, place, normal).reshape(-1, 3, len(surface))

@@ -20,6 +20,10 @@ class KeptAnswers(Generic[Answer]):
         self.rays = {"shadow": 0, "border": 0, "thrown": 0}
         self._room = max(num_kept, self._least)
 
+    def forget(self) -> None:
+        """Answers from now on are made in another way."""
+        self._kept.clear()
+
     def keep(self, key: tuple, make: Callable[[], Answer]) -> Answer:
         """The answer of a light, made where it is not known; the one asked for longest ago makes room."""
         if key in self._kept:

@@ -1,6 +1,6 @@
 """What a frame spends its time on: every approximation a named option, and the presets that combine them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from relight3d.errors import InputError
@@ -10,7 +10,7 @@ Backend = Literal["auto", "numpy", "numba"]
 Shading = Literal["exact", "adaptive", "half"]
 Precision = Literal["float32", "int16", "int8"]
 TABLE_SIZES = (256, 1024, 2304, 4096, 6400, 9216, 16384, 36864)
-Preset = Literal["fast", "balanced", "exact"]
+Preset = Literal["baked", "fast", "balanced", "exact"]
 
 
 @dataclass(frozen=True)
@@ -21,14 +21,14 @@ class RelightOptions:
     of range.
     """
 
-    # adaptive: a lattice, refined where it disagrees; table: looked up by the light's direction (with shading "half", of
-    # lights at infinity); off: none
+    # adaptive: a lattice, refined where it disagrees; table: cast ahead when the relighter is made, then looked up by the
+    # light's direction (with shading "half", of lights at infinity); off: none
     shadows: Shadows = "exact"
     borders: bool = True  # antialiased shadow borders: 3 rays between a lit and a dark neighbour
     lattice_px: int = 2  # of adaptive shadows: the lattice's spacing, 2 or 4 pixels
     shared_rays: bool = False  # of adaptive shadows: one ray for all parts of a pixel that show one surface
-    table_directions: int = 16384  # of looked-up shadows: over the sphere, a square number; cast when first asked for
-    table_mb: int = 1024  # memory of looked-up shadows; those not used for longest make room
+    table_directions: int = 16384  # of shadows cast ahead: over the sphere, a square number
+    table_mb: int = 1024  # what they may take of memory
     # adaptive: indirect light at every fourth pixel, highlights where they can be seen; half: light at every second pixel
     # each way, shadows too (on a lattice of its own, not that of "adaptive")
     shading: Shading = "exact"
@@ -75,8 +75,10 @@ def _between(field: str, value: int, low: int, high: int) -> None:
 
 
 BALANCED = RelightOptions(shadows="adaptive", lattice_px=4, shading="adaptive", precision="int8")
+FAST = RelightOptions(shading="half", precision="int8", max_modes=8)
 PRESETS: dict[Preset, RelightOptions] = {
-    "fast": RelightOptions(shadows="table", shading="half", precision="int8", max_modes=8),
+    "baked": replace(FAST, shadows="table"),
+    "fast": FAST,
     "balanced": BALANCED,
     "exact": RelightOptions(),
 }

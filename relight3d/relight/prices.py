@@ -20,7 +20,6 @@ import numpy as np
 from relight3d.lights import Light
 from relight3d.maths.color import srgb_from_linear
 from relight3d.records import Capture, Frame, Price, RelightModel
-from relight3d.relight.calibrate import fill_tables, nudged
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
 from relight3d.relight.work import nominal_work, work_of
@@ -80,7 +79,6 @@ def single_steps(model: RelightModel) -> dict[str, Changes]:
     if model.indirect is not None or any(model.lobes):
         steps["shading on a lattice"] = {"shading": "adaptive"}
     steps["light at half resolution"] = {"shading": "half"}
-    steps["shadows looked up"] = {"shading": "half", "shadows": "table"}
     num_lobes = max((len(lobes) for lobes in model.lobes), default=0)
     num_modes = 0
     if model.residual is not None:
@@ -121,8 +119,6 @@ def _price(shop: Shop, name: str, changes: Changes) -> Price:
     relighter, frames = shop.exact, shop.frames
     if changes:
         relighter = shop.exact.with_options(replace(RelightOptions(), **changes))
-        # Shadows looked up are counted as they are from the second time on that lights come from there.
-        fill_tables(relighter, [nudged(each, shop.exact.model.mesh.radius) for each in shop.lights])
         frames = [relighter.render(each) for each in shop.lights]
     square = _difference(frames, shop.frames)
     return Price(
@@ -188,9 +184,8 @@ def joined(changes: Changes, more: Changes) -> dict[str, Any]:
             out[name] = min(changes[name], more[name])
     if "half" in (changes.get("shading"), more.get("shading")):  # which has a lattice of its own
         out = {k: v for k, v in out.items() if k not in ("lattice_px", "shared_rays")} | {"shading": "half"}
-        out.pop("shadows", None)
-        if "table" in (changes.get("shadows"), more.get("shadows")):
-            out["shadows"] = "table"
+        if out.get("shadows") == "adaptive":
+            del out["shadows"]
     if out.get("residual") is False:
         out = {k: v for k, v in out.items() if k not in ("max_modes", "precision")}
     if "off" in (changes.get("shadows"), more.get("shadows")):

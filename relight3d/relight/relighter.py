@@ -33,9 +33,10 @@ _scenes: "WeakKeyDictionary[PatchMesh, RayScene]" = WeakKeyDictionary()
 class Relighter:
     """Relights a model from one viewpoint: the captured one, or `camera`.
 
-    Settings come from `options`, or from a `preset` ("fast", "balanced", "exact"), or from the model's price list: the
-    most accurate whose frame takes `budget_ms` on this machine, or the cheapest that loses no more than `max_error_db`,
-    or the cheapest of those within the budget. Raises InputError for two of these at once.
+    Settings come from `options`, or from a `preset` ("exact", "balanced", "fast", or "baked", which takes some seconds to
+    make), or from the model's price list: the most accurate whose frame takes `budget_ms` on this machine, or the cheapest
+    that loses no more than `max_error_db`, or the cheapest of those within the budget. Raises InputError for two of these
+    at once.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Relighter:
         if _view_settings(options) == _view_settings(self.options):
             other.options, other.model = options, restrict(self.given_model, options)
             other._pack()
+            other._bake_if_asked()
         else:
             other._apply(options, self.camera)
         return other
@@ -75,9 +77,14 @@ class Relighter:
             _scenes[mesh] = ray_scene(mesh)
         self._scene = _scenes[mesh]
         self.set_camera(camera)
+        self._bake_if_asked()
+
+    def _bake_if_asked(self) -> None:
+        if self.options.shadows == "table":
+            self.bake_shadows()
 
     def set_camera(self, camera: Camera) -> None:
-        """Look from elsewhere: trace the view and pack it anew."""
+        """Look from elsewhere: trace the view and pack it anew. Its shadows are not baked."""
         start = time.perf_counter()
         self.camera = camera
         self.view = _view(self._scene, self.model, camera, self.options)
@@ -112,17 +119,19 @@ class Relighter:
         )
 
     def bake_shadows(self, progress: Callable[[float], object] = lambda part: None) -> float:
-        """Cast ahead what `shadows="table"` keeps, so that no frame waits for it. Returns what part of it there is room for.
+        """Cast ahead the shadows of lights at infinity, from all around, so that frames look them up (shading "half" alone).
 
-        Some seconds, once a viewpoint (docs/performance.md); other settings have nothing to bake (1.0). Without it, at the
-        captured viewpoint a direction is cast when a light first comes from near it, which makes that frame up to three
-        times as long; at others shadows are cast in every frame. `progress` is called with the part done, 0 to 1.
+        Returns what part of it there is room for (`table_mb`); lights from elsewhere are cast as before, and so are lamps.
+        Some seconds, once a viewpoint (docs/performance.md); `shadows="table"` does it by itself for the first one.
+        `progress` is called with the part done, 0 to 1.
         """
+        start = time.perf_counter()
         part = 1.0 if self._engine is None else self._engine.bake_shadows(progress)
         if part < 1.0:
             logger.warning(
-                "table_mb holds %.0f %% of the lights' directions: low lights are cast when they come", 100 * part
+                "table_mb holds %.0f %% of the lights' directions: lower lights are cast in each frame", 100 * part
             )
+        logger.info("shadows baked in %.1f s", time.perf_counter() - start)
         return part
 
     @property

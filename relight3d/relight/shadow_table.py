@@ -6,11 +6,10 @@ for a direction in between is the blend of its three neighbours', and where it p
 one, off by the bend of its way between the neighbours (a second-order term). Blending the shadows themselves would
 show three faint ones. What is lost are shadows narrower than the step from one direction to the next, and sharp corners.
 
-Nothing is cast ahead of its use unless asked for: a direction is cast in the first frame that needs it, and
-those not used for longest make room.
+Directions are cast ahead, all of them (`Relighter.bake_shadows`): a frame casts its own light, or looks it up, whatever
+frames came before it.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable
 
 import numpy as np
@@ -25,45 +24,37 @@ LIFT = 2e-3
 
 Distance = Float32[np.ndarray, " slot"]
 Way = Float64[np.ndarray, "3"]
-Cast = Callable[
-    [Way], Distance
-]  # distances to edges, half_cast_kernels.edge_distances; of length 0 where no slot is lit
+# Distances to edges of a direction, half_cast_kernels.edge_distances; of length 0 where no slot is lit.
+Cast = Callable[[Way], Distance]
 
 
 class KeptDirections:
-    """What is kept of a view's directions, for all its tables; those not used for longest make room."""
+    """What is kept of a view's directions, for all its tables, up to so many megabytes."""
 
     def __init__(self, num_slots: int, megabytes: int) -> None:
         self.dark = np.full(num_slots, -127, np.int8)  # stands for every direction that lights nothing
-        self._room = max(6, megabytes * 1_000_000 // max(num_slots, 1))
-        self._entries: OrderedDict[tuple[int, int], Int8[np.ndarray, " slot"]] = OrderedDict()
-        self._num_dark = 0
+        self._room = megabytes * 1_000_000 // max(num_slots, 1)
+        self._entries: dict[tuple[int, int], Int8[np.ndarray, " slot"]] = {}  # by table and direction
+        self._num_own = 0
 
     def __len__(self) -> int:
-        """How many have memory of their own."""
-        return len(self._entries) - self._num_dark
+        return len(self._entries)
 
     @property
     def num_bytes(self) -> int:
-        """Memory that they take now."""
-        return len(self) * self.dark.nbytes
+        """Memory that they take."""
+        return self._num_own * self.dark.nbytes
 
     @property
     def is_full(self) -> bool:
-        return len(self) >= self._room
+        return self._num_own >= self._room
 
     def get(self, key: tuple[int, int]) -> Int8[np.ndarray, " slot"] | None:
-        entry = self._entries.get(key)
-        if entry is not None:
-            self._entries.move_to_end(key)
-        return entry
+        return self._entries.get(key)
 
     def put(self, key: tuple[int, int], entry: Int8[np.ndarray, " slot"]) -> None:
-        while self.is_full and entry is not self.dark:
-            _, oldest = self._entries.popitem(last=False)
-            self._num_dark -= oldest is self.dark
         self._entries[key] = entry
-        self._num_dark += entry is self.dark
+        self._num_own += entry is not self.dark
 
 
 class ShadowTable:
@@ -91,14 +82,15 @@ class ShadowTable:
             self._ways /= np.linalg.norm(self._ways, axis=1, keepdims=True)
         self._far = np.empty(lattice.num_grid, np.float32)
 
-    def look_up(self, way: Way, cast: Cast, arrival: Way | None = None) -> tuple[Distance, int]:
+    def look_up(self, way: Way, arrival: Way | None = None) -> tuple[Distance, int] | None:
         """Distances to the edge of the shadow of a light at infinity, and how many slots are lit, or near it.
 
-        `cast` is asked for directions that are not there yet. `arrival`: where the light comes from in the end, if a
-        mirror turned it.
+        None where a direction about it is not there. `arrival`: where the light comes from in the end, after a mirror.
         """
         at, shares = directions_about(self._axes @ way, self._side)
-        one, two, three = (self._entry(k, cast) for k in at)
+        one, two, three = (self._kept.get((self._name, k)) for k in at)
+        if one is None or two is None or three is None:
+            return None
         out = aligned((len(self._lattice.point),))
         facing = np.asarray(way if arrival is None else arrival, np.float32)
         num_lit = table_kernels.blend(one, two, three, np.array(shares, np.float32), self._geometric, facing, out)
@@ -109,18 +101,12 @@ class ShadowTable:
         return self._ways @ self._axes[2]
 
     def learn(self, k: int, cast: Cast) -> None:
-        """Cast direction k, unless it is there."""
-        self._entry(k, cast)
-
-    def _entry(self, k: int, cast: Cast) -> Int8[np.ndarray, " slot"]:
-        entry = self._kept.get((self._name, k))
-        if entry is None:
-            distance, entry = cast(self._ways[k]), self._kept.dark
-            if len(distance):
-                entry, lattice = np.empty(len(distance), np.int8), self._lattice
-                table_kernels.grow(distance, lattice.is_joined, lattice.columns, lattice.rows, self._far, entry)
-            self._kept.put((self._name, k), entry)
-        return entry
+        """Cast direction k, and keep it."""
+        distance, entry = cast(self._ways[k]), self._kept.dark
+        if len(distance):
+            entry, lattice = np.empty(len(distance), np.int8), self._lattice
+            table_kernels.grow(distance, lattice.is_joined, lattice.columns, lattice.rows, self._far, entry)
+        self._kept.put((self._name, k), entry)
 
 
 def _across(pole: Way) -> tuple[Way, Way]:

@@ -87,8 +87,9 @@ def test_two_ways_to_settle_the_options_are_refused() -> None:
 
 def test_presets_are_points_of_the_front() -> None:
     model = replace(rich_model(), prices=PRICES)
-    assert [error_of(preset_for(model, name)) for name in ("exact", "balanced", "fast")] == [0.0, 0.1, 2.5]
+    assert [error_of(preset_for(model, name)) for name in ("exact", "balanced", "fast")] == [0.0, 0.1, 0.7]
     assert preset_for(rich_model(), "fast") == PRESETS["fast"]  # without a list
+    assert preset_for(model, "baked") == PRESETS["baked"]  # work that no frame does is on no list
     with pytest.raises(InputError):
         preset_for(model, "best")
 

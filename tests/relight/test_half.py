@@ -169,4 +169,5 @@ def test_a_view_of_nothing_is_black(shadows: str) -> None:
 
 
 def test_the_fast_preset_is_half_resolution() -> None:
-    assert PRESETS["fast"].shading == "half" and PRESETS["fast"].shadows == "table" and SPACING == 2
+    assert PRESETS["fast"].shading == "half" and SPACING == 2
+    assert PRESETS["baked"] == replace(PRESETS["fast"], shadows="table", table_directions=256)  # tests/conftest.py

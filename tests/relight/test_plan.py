@@ -113,7 +113,7 @@ def test_what_does_not_exist_cannot_be_forced(word: str) -> None:
 
 
 def test_shadows_looked_up_have_borders() -> None:
-    options = RelightOptions(shading="half", shadows="table")
+    options = RelightOptions(shading="half", shadows="table", table_directions=256)
     on = {line.effect: line.is_on for line in Relighter(rich_model(), options=options).plan.lines}
     assert on["shadows"] and on["borders"]
     off = Relighter(rich_model(), options=RelightOptions(shadows="off")).plan.lines

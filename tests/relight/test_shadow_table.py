@@ -14,7 +14,7 @@ from relight3d.relight.table_kernels import PER_PIXEL
 from tests.relight import models
 
 CAST = RelightOptions(shading="half", precision="float32")
-TABLE = replace(CAST, shadows="table")
+TABLE = replace(CAST, shadows="table", table_directions=2304)
 WAYS = [DirectionalLight((x, y, 0.8), 2.0) for x, y in ((0.31, -0.42), (-0.5, 0.2), (0.07, 0.6), (-0.3, -0.5))]
 
 
@@ -62,70 +62,65 @@ def test_a_table_s_own_direction_is_what_was_cast() -> None:
 
 def test_between_directions_more_of_them_are_closer() -> None:
     errors = []
-    for num in (256, 2304, 16384):
+    for num in (256, 1024, 4096):
         cast, looked_up = relighters(models.plain(), table_directions=num)
         errors.append(np.mean([wrong(distances(looked_up, way), distances(cast, way)) for way in WAYS]))
     assert errors[2] < 0.6 * errors[1] < 0.36 * errors[0]
-    assert errors[2] < 0.004
+    assert errors[2] < 0.008
 
 
 def test_edges_between_directions_stay_sharp() -> None:
     """Three shadows one over the other would have three faint edges: half-lit slots are as few as in cast shadows."""
-    cast, looked_up = relighters(models.plain(), table_directions=2304)
+    cast, looked_up = relighters(models.plain())
     for way in WAYS:
         ours, theirs = ((np.abs(distances(each, way)) < 0.4).mean() for each in (looked_up, cast))
         assert ours < 1.6 * theirs + 0.002
 
 
-def test_the_first_frame_casts_and_the_next_ones_do_not() -> None:
+def test_baked_frames_cast_no_ray_and_do_not_know_what_came_before() -> None:
     _, looked_up = relighters(models.full())
-    first = looked_up.render([WAYS[0]])
-    assert first.stats.rays["shadow"] > 0
-    near = DirectionalLight((0.3101, -0.42, 0.8), 2.0)
-    again = looked_up.render([near])
-    assert again.stats.num_rays == 0
-    other = looked_up.render([WAYS[1]])
-    assert other.stats.num_rays > 0
-
-
-def test_baked_frames_cast_no_ray() -> None:
-    _, looked_up = relighters(models.full(), table_directions=256)
-    parts: list[float] = []
-    part = looked_up.bake_shadows(parts.append)
-    assert part == 1.0 and parts[-1] == 1.0 and parts == sorted(parts)
     frames = [looked_up.render([way]) for way in WAYS]
     assert all(frame.stats.num_rays == 0 for frame in frames)
-    lazily = relighters(models.full(), table_directions=256)[1]
-    for way, frame in zip(WAYS, frames):
-        np.testing.assert_array_equal(frame.radiance, lazily.render([way]).radiance)
+    again = relighters(models.full())[1]
+    for way, frame in zip(reversed(WAYS), reversed(frames)):
+        np.testing.assert_array_equal(frame.radiance, again.render([way]).radiance)
 
 
 def test_with_little_room_high_lights_are_baked_of_all_tables(caplog: pytest.LogCaptureFixture) -> None:
-    _, looked_up = relighters(models.full(), table_mb=2)
-    part, directions = looked_up.bake_shadows(), looked_up._engine.shadows.directions
-    assert 0 < part < 1 and "table_mb" in caplog.text and directions.is_full
-    there = {via: [k for of, k in directions._entries if of == via] for via in tables(looked_up)}
-    for via, known in there.items():
-        heights = tables(looked_up)[via].heights()
-        assert known and heights[known].min() > 0.5
+    cast, looked_up = relighters(models.full(), table_mb=2)
+    directions = looked_up._engine.shadows.directions
+    assert "table_mb" in caplog.text and directions.is_full
+    for via, table in tables(looked_up).items():
+        known = [k for of, k in directions._entries if of == via]
+        assert known and table.heights()[known].min() > 0.5
+    assert 1.5e6 < directions.num_bytes <= 2e6
     assert directions.num_bytes <= looked_up._engine.num_bytes - looked_up._engine.buffers.num_bytes
+    low, high = DirectionalLight((0.9, 0.1, 0.2), 2.0), DirectionalLight((0.05, -0.03, 1.0), 2.0)
+    assert looked_up.render([high]).stats.num_rays == 0
+    np.testing.assert_array_equal(looked_up.render([low]).radiance, cast.render([low]).radiance)
 
 
-def test_elsewhere_shadows_are_cast_until_they_are_baked() -> None:
-    """A camera that moves looks at each view once: three directions for one light would be dearer than the light."""
+def test_another_view_is_cast_until_it_is_baked() -> None:
     model = models.full()
+    _, looked_up = relighters(model)
     camera = models.other_camera(model)
-    cast, looked_up = (Relighter(model, camera, options) for options in (CAST, replace(TABLE, table_directions=256)))
-    theirs, ours = (each.render([WAYS[0]]) for each in (cast, looked_up))
+    looked_up.set_camera(camera)
+    ours, theirs = looked_up.render([WAYS[0]]), Relighter(model, camera, CAST).render([WAYS[0]])
     np.testing.assert_array_equal(ours.radiance, theirs.radiance)
     assert ours.stats.rays == theirs.stats.rays
-    looked_up.bake_shadows()
-    assert looked_up.render([WAYS[1]]).stats.num_rays == 0
+    parts: list[float] = []
+    assert looked_up.bake_shadows(parts.append) == 1.0
+    assert parts[-1] == 1.0 and parts == sorted(parts)
+    baked = looked_up.render([WAYS[0]])  # the answer that was cast is not kept
+    assert baked.stats.num_rays == 0 and not np.array_equal(baked.radiance, ours.radiance)
 
 
-def test_other_settings_have_nothing_to_bake() -> None:
-    for options in (RelightOptions(), CAST, RelightOptions(backend="numpy")):
-        Relighter(models.plain(), options=options).bake_shadows()
+def test_only_half_resolution_is_baked() -> None:
+    relighter = Relighter(models.plain(), options=CAST)
+    assert relighter.bake_shadows() == 1.0 and relighter.render([WAYS[0]]).stats.num_rays == 0
+    for options in (RelightOptions(), RelightOptions(backend="numpy")):
+        relighter = Relighter(models.plain(), options=options)
+        assert relighter.bake_shadows() == 1.0 and relighter.render([WAYS[0]]).stats.num_rays > 0
 
 
 @pytest.mark.parametrize("height_deg", [0.05, 0.2, 0.8, 2.0, 5.0])
@@ -147,7 +142,7 @@ def test_thrown_light_is_looked_up() -> None:
     mirror = model.mirrors[0].normal
     light = DirectionalLight(tuple(mirror + np.array([0.2, 0.1, 0.6])), 2.0)
     pair = [each.render([light]).radiance for each in (cast, looked_up)]
-    without = cast.with_options(replace(CAST, thrown=False)).render([light]).radiance
+    without = cast.with_options(replace(CAST, thrown=False)).render([light]).radiance  # nothing else differs
     thrown, lost = np.abs(without - pair[0]).mean(), np.abs(pair[1] - pair[0]).mean()
     assert thrown > 0 and lost < 0.25 * thrown
     behind = DirectionalLight(tuple(np.array([0.2, 0.1, 0.6]) - mirror), 2.0)
@@ -158,26 +153,12 @@ def test_lamps_and_lights_from_below_are_cast() -> None:
     cast, looked_up = relighters(models.full())
     for light in (models.LAMP, models.SPOT, DirectionalLight((0.2, 0.3, -0.5), 2.0)):
         ours, theirs = (each.render([light]) for each in (looked_up, cast))
-        assert not any(of == -1 for of, _ in looked_up._engine.shadows.directions._entries)
         if light.kind == "directional":  # of a light from below, what a mirror throws is looked up
             without = [each.with_options(replace(each.options, thrown=False)) for each in (cast, looked_up)]
             np.testing.assert_array_equal(*(each.render([light]).radiance for each in without))
         else:
             np.testing.assert_array_equal(ours.radiance, theirs.radiance)
             assert ours.stats.rays == theirs.stats.rays
-
-
-def test_memory_is_bounded_and_what_was_used_last_stays() -> None:
-    _, looked_up = relighters(models.plain(), table_mb=1)
-    kept = looked_up._engine.shadows.directions
-    assert 3 < kept._room < 150
-    ways = np.random.default_rng(0).normal(size=(120, 3))
-    for way in ways[ways[:, 2] > 0.2]:
-        looked_up.render([DirectionalLight(tuple(way), 1.0)])
-    assert len(kept) == kept._room and kept.num_bytes <= 1e6
-    assert len(kept) == len({id(each) for each in kept._entries.values()} - {id(kept.dark)})
-    last = looked_up.render([DirectionalLight(tuple(way + 1e-5), 1.0)])
-    assert last.stats.num_rays == 0
 
 
 def test_a_table_needs_half_resolution() -> None:
