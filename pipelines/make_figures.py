@@ -34,6 +34,7 @@ from relight3d.records import Capture
 from relight3d.recover.registration import RegistrationOptions
 from relight3d.recover.run import RecoverOptions
 
+STUDY_PLOTS = ("error_frame.svg", "error_recovery.svg", "growth.svg")
 CAPTURE, OUTPUT, WORK, STUDY = Path("data/desk"), Path("docs/images"), Path("output/desk"), Path("output/study")
 FITS = ("status:indirect", "rank:indirect", "condition:indirect")
 PIXEL = (0.73, 0.82)  # looked at: a place in the picture, as parts of its width and height
@@ -56,8 +57,9 @@ def main(capture: CapturePath = CAPTURE, output: Path = OUTPUT, work: Path = WOR
     evaluation = relight3d.evaluate(model, read)
     save(output / "contact_sheet.png", contact_sheet(read.folder.name, strips(model, read, evaluation)))
     save(output / "registration.png", misplaced_and_placed(read))
-    for plot in sorted((study / "plots").glob("*.svg")):
-        (output / plot.name).write_bytes(plot.read_bytes())
+    for name in STUDY_PLOTS:
+        if (study / "plots" / name).is_file():
+            (output / f"study_{name}").write_bytes((study / "plots" / name).read_bytes())
     if HAS_XVFB and not vulkan_trouble()[0]:
         shoot_viewer(work / "model.relight", capture, output)
     total = sum(path.stat().st_size for path in output.rglob("*.png"))
