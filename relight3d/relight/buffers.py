@@ -49,9 +49,7 @@ class Buffers:
     geometric_normal: Float32[np.ndarray, "3 point"]
     normal: Float32[np.ndarray, "3 point"]
     to_viewer: Float32[np.ndarray, "3 point"]
-    tangent: Float32[
-        np.ndarray, "plane point"
-    ]  # three planes for each lobe that is not round, as many as a surface has
+    tangent: Float32[np.ndarray, "plane point"]  # three for each lobe of a surface that is not round
     diffuse: Float32[np.ndarray, "3 point"]  # albedo / pi * throughput
     gloss: Float32[np.ndarray, "3 point"]  # lobe gain * throughput
     surface: Int32[np.ndarray, " point"]
@@ -103,11 +101,8 @@ def pack_view(model: RelightModel, view: View, precision: str = "float32") -> Bu
     modes = None
     if residual is not None:
         modes = pack_modes(model, residual, view, order, pixel_of_rank, start, to_viewer, precision)
-    position, normal, surface = (
-        _planes(sorted_rows(points.position)),
-        _planes(sorted_rows(view.normal)),
-        sorted_rows(view.surface),
-    )
+    position, normal = (_planes(sorted_rows(vectors)) for vectors in (points.position, view.normal))
+    surface = sorted_rows(view.surface)
     return Buffers(
         position=position,
         geometric_normal=_planes(sorted_rows(points.geometric_normal)),

@@ -61,6 +61,7 @@ class HalfShadows(KeptAnswers[Distance]):
         self._mirrors = model.mirrors
         self.directions: KeptDirections | None = None  # that tables know, once they are baked
         self._tables: dict[int, ShadowTable] = {}  # by the mirror that turns the light, or STRAIGHT
+        self._part_baked = 0.0  # of all directions
 
     def distance(self, light: Light, effect: str = "shadow") -> Distance:
         """How far slots are from the edge of the light's shadow. Rays are counted as `effect`."""
@@ -78,18 +79,16 @@ class HalfShadows(KeptAnswers[Distance]):
 
         Returns what part of them is there. From now on shadows are looked up where their directions are.
         """
+        if self._options.shadows == "off":
+            return 1.0
+        if self._tables:  # they stay as they are
+            return self._part_baked
         options, num = self._options, len(self._lattice.point)
         has_ground = len(self._ground) > 0
         pole = self._ground[1] if has_ground else np.array([0.0, 0.0, 1.0])
         directions = KeptDirections(num, options.table_mb)
-        given = (
-            self._lattice,
-            self._slots.geometric,
-            round(options.table_directions**0.5),
-            pole,
-            has_ground,
-            directions,
-        )
+        side = round(options.table_directions**0.5)
+        given = (self._lattice, self._slots.geometric, side, pole, has_ground, directions)
         vias = [STRAIGHT, *(k for k, mirror in enumerate(self._mirrors) if mirror.throws_light)]
         tables = {via: ShadowTable(*given, via) for via in vias}
         least = 0.0 if has_ground else -1.0
@@ -101,9 +100,9 @@ class HalfShadows(KeptAnswers[Distance]):
             progress(done / len(wanted))
             if directions.is_full:
                 break
-        self.directions, self._tables = directions, tables
+        self.directions, self._tables, self._part_baked = directions, tables, len(directions) / len(wanted)
         self.forget()
-        return len(directions) / len(wanted)
+        return self._part_baked
 
     def _make(self, light: Light, effect: str) -> Distance:
         if self._tables and isinstance(light, DirectionalLight) and self._is_above(light):

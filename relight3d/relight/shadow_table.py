@@ -20,7 +20,7 @@ from relight3d.relight import table_kernels
 from relight3d.relight.half_lattice import HalfLattice
 from relight3d.relight.half_view import aligned
 
-LIFT = 2e-3
+LIFT = 2e-3  # radians above the ground
 
 Distance = Float32[np.ndarray, " slot"]
 Way = Float64[np.ndarray, "3"]

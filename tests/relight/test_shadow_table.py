@@ -116,8 +116,14 @@ def test_another_view_is_cast_until_it_is_baked() -> None:
 
 
 def test_only_half_resolution_is_baked() -> None:
-    relighter = Relighter(models.plain(), options=CAST)
+    relighter = Relighter(models.plain(), options=replace(CAST, table_directions=256))
     assert relighter.bake_shadows() == 1.0 and relighter.render([WAYS[0]]).stats.num_rays == 0
+    directions = relighter._engine.shadows.directions
+    assert relighter.bake_shadows() == 1.0 and relighter._engine.shadows.directions is directions  # once is enough
+    unshadowed = relighter.with_options(replace(CAST, shadows="off"))
+    wanted = unshadowed.render([WAYS[0]]).radiance
+    assert unshadowed.bake_shadows() == 1.0
+    np.testing.assert_array_equal(unshadowed.render([WAYS[0]]).radiance, wanted)
     for options in (RelightOptions(), RelightOptions(backend="numpy")):
         relighter = Relighter(models.plain(), options=options)
         assert relighter.bake_shadows() == 1.0 and relighter.render([WAYS[0]]).stats.num_rays > 0
