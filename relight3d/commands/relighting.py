@@ -7,6 +7,7 @@ import tyro
 
 from relight3d.camera import Camera
 from relight3d.effects import parse_force
+from relight3d.progress import working
 from relight3d.records import RelightModel
 from relight3d.relight.budget import check_wish, preset_for
 from relight3d.relight.force import apply_plan, forced_options
@@ -31,8 +32,9 @@ class Relighting:
         force = parse_force(self.force)
         model = apply_plan(model, force)
         if self.budget_ms is None and self.max_error_db is None:
-            options = options or preset_for(model, self.preset or "exact")
-            return Relighter(model, camera, options=forced_options(options, force))
+            options = forced_options(options or preset_for(model, self.preset or "exact"), force)
+            with working("shadows cast ahead", quiet=options.shadows != "table"):
+                return Relighter(model, camera, options=options)
         chosen = Relighter(model, camera, budget_ms=self.budget_ms, max_error_db=self.max_error_db)
         options = forced_options(chosen.options, force)
         return chosen if options == chosen.options else chosen.with_options(options)
