@@ -118,7 +118,7 @@ def choose_detail(
     if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
         return "off", options.damping, 0.0
     thin = slice(None, None, max(1, len(data.normal) // 6_000))
-    sample = _thin(data, thin)
+    sample = _points(data, thin)
     plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
     outs = [everything[fold::num_folds] for fold in range(num_folds)]
     tries = [(mode, damping) for mode, dampings in modes.items() for damping in dampings if mode == "normal" or lobes]
@@ -152,7 +152,7 @@ def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.
             at = np.flatnonzero((data.weight[photo, part] > 0) & (data.falloff[photo, part] > 0).any(axis=1))
             if len(at) == 0:
                 continue
-            known = _points_of(data, part.start + at, photo)
+            known = _points(_photos(data, slice(photo, photo + 1)), part.start + at)
             value, *moved = (sum(_shade(known, lobes, normal[at], 0)) for normal in normals)
             slope_t, slope_b = ((each - value) / sides[1, 0] for each in moved)
             miss, slope = known.measured[0] - value, _slope(known.measured[0], white)
@@ -187,8 +187,8 @@ def _tilted(normal: np.ndarray, tangent: np.ndarray, bitangent: np.ndarray, tilt
     return (moved / np.linalg.norm(moved, axis=1, keepdims=True)).astype(np.float32)
 
 
-def _thin(data: DetailData, part: slice) -> DetailData:
-    """Every n-th point."""
+def _points(data: DetailData, part: slice | np.ndarray) -> DetailData:
+    """Some of the points."""
     per_photo = {n: getattr(data, n)[:, part] for n in ("falloff", "measured", "other", "weight")}
     shared = data.to_light.shape[1] == 1
     per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
@@ -196,16 +196,9 @@ def _thin(data: DetailData, part: slice) -> DetailData:
     return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
 
 
-def _points_of(data: DetailData, at: np.ndarray, photo: int) -> DetailData:
-    """Some points of one photograph."""
-    per_photo = {n: getattr(data, n)[photo, at][None] for n in ("falloff", "measured", "other", "weight")}
-    per_point = {n: getattr(data, n)[at] for n in ("albedo", "normal", "to_viewer")}
-    per_point["position"] = None if data.position is None else data.position[at]
-    to_light = data.to_light[photo, : 1 if data.to_light.shape[1] == 1 else None]
-    return DetailData(to_light=(to_light if len(to_light) == 1 else to_light[at])[None], **per_photo, **per_point)
-
-
-def _photos(data: DetailData, photos: np.ndarray) -> DetailData:
+def _photos(data: DetailData, photos: slice | np.ndarray) -> DetailData:
     """Some of the photographs."""
     chosen = {n: getattr(data, n)[photos] for n in ("to_light", "falloff", "measured", "other", "weight")}
-    return DetailData(**chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position)
+    return DetailData(
+        **chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position
+    )

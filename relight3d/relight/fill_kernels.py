@@ -7,7 +7,7 @@ read there.
 
 import numpy as np
 
-from relight3d.relight.kernels import COLOR, ZERO, fused, fused_inlined, take
+from relight3d.relight.kernels import ZERO, add_arriving, fused, fused_inlined, take
 from relight3d.relight.lanes import blend_colors
 from relight3d.relight.lobe_kernels import FORM, NUM_ROWS, TOTAL, add_lobes
 from relight3d.relight.pixel_kernels import CHUNK, LANES, finish_block
@@ -56,15 +56,6 @@ def _read_loose(loose, corner, share, first, last, a, values, work):
         blend_colors(corner, share, i, values, 0, work, IRRADIANCE, loose[i] - a)  # pyright: ignore[reportCallIssue]
 
 
-@fused_inlined
-def _add_irradiance(lights, light, n, work):
-    form = work[FORM, :n]
-    for c in range(3):
-        color, total = lights[light, COLOR + c], work[IRRADIANCE + c, :n]
-        for i in range(n):
-            total[i] += form[i] * color
-
-
 @fused
 def fill(
     counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, tangent, diffuse, gloss,
@@ -100,7 +91,7 @@ def fill(
             aim(lights, light, position, a, b, work)
             if light_up(seen, light, normal, a, b, work) == 0:
                 continue
-            _add_irradiance(lights, light, n, work)
+            add_arriving(lights, light, work[FORM, :n], work[IRRADIANCE : IRRADIANCE + 3, :n])
             if len(lobes):
                 add_lobes(lights, light, lobes, lobe_start, surface, normal, viewer, tangent, gloss, a, b, work)
         for c in range(3):

@@ -20,7 +20,18 @@ from relight3d.relight.half_shine_kernels import (
     add_residual,
     split_facing,
 )  # fmt: skip
-from relight3d.relight.kernels import AT_INFINITY, COLOR, KIND, ONE, PLACE, ZERO, fused, fused_inlined, incident, take
+from relight3d.relight.kernels import (
+    AT_INFINITY,
+    KIND,
+    ONE,
+    PLACE,
+    ZERO,
+    add_arriving,
+    fused,
+    fused_inlined,
+    incident,
+    take,
+)
 from relight3d.relight.lanes import put_color
 
 HALF, QUARTER = np.float32(0.5), np.float32(0.25)
@@ -77,15 +88,6 @@ def _face(lights, light, normal, step, first, n, work):
         cosine[i] = step * (np.float32(nx[i]) * wx[i] + np.float32(ny[i]) * wy[i] + np.float32(nz[i]) * wz[i])
     for i in range(n):
         form[i] = part[i] * max(cosine[i], ZERO) * falloff[i]
-
-
-@fused
-def _add_arriving(lights, light, n, work):
-    form = work[FORM, :n]
-    for c in range(3):
-        color, arriving = lights[light, COLOR + c], work[ARRIVING + c, :n]
-        for i in range(n):
-            arriving[i] += form[i] * color
 
 
 @fused
@@ -162,7 +164,7 @@ def fill(
                     for k in range(4):
                         _read(ways[light, k], row, columns, corner, share, loose, work[WAY + k])
                 _face(lights, light, normal, steps[0], first, n, work)
-                _add_arriving(lights, light, n, work)
+                add_arriving(lights, light, work[FORM, :n], work[ARRIVING : ARRIVING + 3, :n])
                 if len(lobes):
                     _read(toward[light], row, columns, corner, share, loose, work[ACROSS])
                     work[FORM, n:length] = ZERO

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float32, Int32
 
 from relight3d.lights import DirectionalLight, Light
 from relight3d.records import RelightModel
@@ -17,17 +17,16 @@ from relight3d.relight.kept_answers import KeptAnswers
 from relight3d.relight.kernels import PLACE
 from relight3d.relight.light_rows import geometry_key, light_row
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shadow_table import KeptDirections, ShadowTable
+from relight3d.relight.shadow_table import Distance, KeptDirections, ShadowTable, Way
 from relight3d.relight.thrown import Thrown
 from relight3d.relight.tiles import counters, counting
+from relight3d.shading import mirrored_light
 from relight3d.tracing import RayScene, over_threads
 
 TILE, ROWS = 1024, 8  # lanes, and rows of the grid, that a thread takes at once
 
 STRAIGHT = -1  # of tables: not by a mirror
 
-Way = Float64[np.ndarray, "3"]
-Distance = Float32[np.ndarray, " slot"]  # to the shadow's edge, in pixels, at most SPACING; positive where lit
 NOWHERE: Distance = np.zeros(0, np.float32)  # of a patch that no slot is in
 
 
@@ -38,12 +37,7 @@ class HalfShadows(KeptAnswers[Distance]):
     """
 
     def __init__(
-        self,
-        scene: RayScene,
-        model: RelightModel,
-        lattice: HalfLattice,
-        slots: Slots,
-        options: RelightOptions,
+        self, scene: RayScene, model: RelightModel, lattice: HalfLattice, slots: Slots, options: RelightOptions
     ) -> None:
         super().__init__(options.keep_lights)
         self._scene, self._lattice, self._slots, self._options = scene, lattice, slots, options
@@ -113,10 +107,10 @@ class HalfShadows(KeptAnswers[Distance]):
 
     def _make_thrown(self, light: Light, virtual: Float32[np.ndarray, " row"], mirror_index: int) -> Distance:
         if self._tables and isinstance(light, DirectionalLight):
-            way, normal = np.asarray(light.to_light, np.float64), self._mirrors[mirror_index].normal
-            if way @ normal <= 0:
+            way = np.asarray(light.to_light, np.float64)
+            if way @ self._mirrors[mirror_index].normal <= 0:
                 return NOWHERE
-            found = self._tables[mirror_index].look_up(way, way - 2 * (way @ normal) * normal)
+            found = self._tables[mirror_index].look_up(way, virtual[PLACE : PLACE + 3])
             if found is not None:
                 return found[0] if found[1] else NOWHERE
         return self._cast_thrown(light, virtual[None], mirror_index)
@@ -128,12 +122,9 @@ class HalfShadows(KeptAnswers[Distance]):
     def _cast_way(self, via: int, way: Way) -> Distance:
         """A direction's shadow: straight, or by a mirror."""
         light = DirectionalLight(tuple(way), 1.0)
-        row = light_row(light)
         if via == STRAIGHT:
-            return self._cast(row[None], "shadow")
-        normal = self._mirrors[via].normal
-        row[PLACE : PLACE + 3] = way - 2 * (way @ normal) * normal
-        return self._cast_thrown(light, row[None], via)
+            return self._cast(light_row(light)[None], "shadow")
+        return self._cast_thrown(light, light_row(mirrored_light(light, self._mirrors[via]))[None], via)
 
     def _cast(self, light: Float32[np.ndarray, "1 row"], effect: str) -> Distance:
         has_shadows = self._options.shadows != "off"

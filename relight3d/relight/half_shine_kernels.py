@@ -4,7 +4,7 @@ import numpy as np
 
 from relight3d.relight.kernels import COLOR, ONE, TINY, ZERO, fused, fused_inlined
 from relight3d.relight.lanes import add_rows, shines
-from relight3d.relight.lobe_kernels import BRUSHED, LONG, ROUND, power
+from relight3d.relight.lobe_kernels import BRUSHED, LONG, ROUND, long_base, power
 from relight3d.relight.modes import LANES
 
 # Rows of a thread's workspace: radiance; irradiance; how much is lit, form, cosine, along and across (lobe_kernels); way
@@ -38,14 +38,6 @@ def _along_tangent(tangent, plane, step, begin, way, of_light, of_viewer):
         of_light[i] = step * (np.float32(tx[i]) * wx[i] + np.float32(ty[i]) * wy[i] + np.float32(tz[i]) * wz[i])
     for i in range(LANES):
         of_viewer[i] = step * np.float32(along[i])
-
-
-@fused_inlined
-def _long_base(lobe, along, across, of_light, of_viewer, base):
-    """The base of an anisotropic Lafortune lobe (lobe_kernels)."""
-    for i in range(LANES):
-        both = of_light[i] * of_viewer[i]
-        base[i] = lobe[3] * both + lobe[4] * (across[i] - both) + lobe[5] * along[i]
 
 
 @fused_inlined
@@ -109,7 +101,7 @@ def _add_highlights_of_block(
                 for i in range(LANES):
                     base[i] = aside * across[i] + ahead * along[i]
             elif form_of_lobe == LONG:
-                _long_base(lobes[k], along, across, of_light, of_viewer, base)
+                long_base(lobes[k], along, across, of_light, of_viewer, base)
             elif form_of_lobe == BRUSHED:
                 _brushed_base(lobes[k], along, across, cosine, outward, steps[7], of_light, of_viewer, base)
             else:

@@ -58,6 +58,15 @@ def incident(lights, light, x, y, z):
     return dx, dy, dz, falloff, distance
 
 
+@fused_inlined
+def add_arriving(lights, light, form, arriving):
+    """Adds a light's colours to three rows of irradiance, by its form at each point."""
+    for c in range(3):
+        color, row = lights[light, COLOR + c], arriving[c]
+        for i in range(len(form)):
+            row[i] += form[i] * color
+
+
 @intrinsic
 def bits_of(_typing, value):
     """The bits of a float32, within a loop that stays in vector registers (a view of an array does not)."""

@@ -92,12 +92,8 @@ def _planes(values, plane, a, b):
 
 
 @fused_inlined
-def _long_base(lobe, tangent, viewer, way, along, across, work, base):
-    """The base of an anisotropic Lafortune lobe, from what an isotropic one is made of and the part along the tangent."""
-    of_light, of_viewer = work[0, : len(base)], work[1, : len(base)]
-    of_light[:], of_viewer[:] = ZERO, ZERO
-    _add_dot(tangent, way, of_light)
-    _add_dot(tangent, viewer, of_viewer)
+def long_base(lobe, along, across, of_light, of_viewer, base):
+    """The base of an anisotropic Lafortune lobe, from what an isotropic one is made of and what lies along the tangent."""
     for i in range(len(base)):
         both = of_light[i] * of_viewer[i]
         base[i] = lobe[3] * both + lobe[4] * (across[i] - both) + lobe[5] * along[i]
@@ -170,7 +166,11 @@ def _add_lobes_of_surface(lights, light, lobes, rows, normal, viewer, tangent, g
             if form == BRUSHED:
                 _brushed_base(lobes[k], turned, rest, level, forward, base)
             else:
-                _long_base(lobes[k], turned, facing, way, along, across, work[SPARE:], base)
+                of_light, of_viewer = work[SPARE, first:last], work[SPARE + 1, first:last]
+                of_light[:], of_viewer[:] = ZERO, ZERO
+                _add_dot(turned, way, of_light)
+                _add_dot(turned, facing, of_viewer)
+                long_base(lobes[k], along, across, of_light, of_viewer, base)
         dark, num = lobes[k, 11], 0
         for i in range(len(base)):
             num += base[i] > dark

@@ -22,7 +22,7 @@ from relight3d.relight.half_view import aligned
 
 LIFT = 2e-3  # radians above the ground
 
-Distance = Float32[np.ndarray, " slot"]
+Distance = Float32[np.ndarray, " slot"]  # to the shadow's edge, in pixels, at most SPACING; positive where lit
 Way = Float64[np.ndarray, "3"]
 # Distances to edges of a direction, half_cast_kernels.edge_distances; of length 0 where no slot is lit.
 Cast = Callable[[Way], Distance]
@@ -82,7 +82,7 @@ class ShadowTable:
             self._ways /= np.linalg.norm(self._ways, axis=1, keepdims=True)
         self._far = np.empty(lattice.num_grid, np.float32)
 
-    def look_up(self, way: Way, arrival: Way | None = None) -> tuple[Distance, int] | None:
+    def look_up(self, way: Way, arrival: Float32[np.ndarray, "3"] | None = None) -> tuple[Distance, int] | None:
         """Distances to the edge of the shadow of a light at infinity, and how many slots are lit, or near it.
 
         None where a direction about it is not there. `arrival`: where the light comes from in the end, after a mirror.
