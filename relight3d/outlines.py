@@ -1,7 +1,9 @@
 """Pixels on outlines, cut into points that share them, as a photograph's pixel mixes what it covers."""
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Bool, Float32, Float64, Int32
 
 from relight3d.camera import Camera
 from relight3d.records import RelightModel, ShadingPoints
@@ -15,6 +17,15 @@ def is_break(depth: np.ndarray, other_depth: np.ndarray, normal: np.ndarray, oth
     return crease | (np.abs(depth - other_depth) > 0.06 * np.maximum(depth, other_depth))
 
 
+class Cut(NamedTuple):
+    """The points that stand for pixels on outlines."""
+
+    points: ShadingPoints
+    share: Float32[np.ndarray, " point"]  # of the pixel
+    is_full: Bool[np.ndarray, " pixel"]  # whether all rays of a pixel met the mesh; of any pixel of the picture
+    num_rays: int
+
+
 def cut_pixels(
     scene: RayScene,
     model: RelightModel,
@@ -22,8 +33,8 @@ def cut_pixels(
     pixel: Int32[np.ndarray, " pixel"],
     samples: int,
     is_fine: bool,
-) -> tuple[ShadingPoints, Float32[np.ndarray, " point"], int]:
-    """The points that stand for pixels on outlines, their shares of the pixel, and the rays cast.
+) -> Cut:
+    """Looks through several places of each of the pixels.
 
     About `samples` points a pixel: each the end of a ray, or with `is_fine` chosen from four times as many rays, so that
     a side of the outline has the share that it covers.
@@ -31,13 +42,11 @@ def cut_pixels(
     place = _fine_places(samples) if is_fine else _grid_places(samples)
     pixels, places = _within(camera, pixel, place)
     parts = points_along(scene, model.mesh, camera, pixels, places)
-    if model.outlines_end == "black":
-        share = np.full(len(parts), 1.0 / len(place))
-    else:
-        share = 1.0 / np.bincount(parts.pixel, minlength=camera.num_pixels)[parts.pixel]
+    found = np.bincount(parts.pixel, minlength=camera.num_pixels)
+    share = 1.0 / (np.full(len(parts), len(place)) if model.outlines_end == "black" else found[parts.pixel])
     if is_fine and len(parts):
         parts, share = _thinned(model, parts, share)
-    return parts, share.astype(np.float32), len(pixels)
+    return Cut(parts, share.astype(np.float32), found == len(place), len(pixels))
 
 
 def _grid_places(samples: int) -> Float64[np.ndarray, "sample 2"]:

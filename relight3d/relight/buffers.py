@@ -7,7 +7,7 @@ are stored sixteen pixels side by side: a vector register holds one mode of a wh
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -18,10 +18,12 @@ from relight3d.records import Indirect, RelightModel
 from relight3d.relight.lazy_view import LazyView
 from relight3d.relight.lobe_kernels import BRUSHED, LONG, ROUND, ROUND_HALFWAY, write_tangents
 from relight3d.relight.modes import Modes, modes_elsewhere, pack_modes
-from relight3d.relight.pack_kernels import number_used, pack_reflectance, read_faces
+from relight3d.relight.pack_kernels import number_used, pack_reflectance, read_faces, take_sites
 from relight3d.relight.tiles import rank_of_pixel, tiles
 from relight3d.tracing import over_threads
 from relight3d.views import View
+
+Job = Callable[[], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,15 +130,19 @@ def _packed_already(model: RelightModel, view: LazyView, precision: str) -> Buff
     """The buffers of a view from compiled loops, which wrote them as they looked."""
     packed, listed, indirect = view.packed, view.looked.listed, model.indirect
     lobes, lobe_start = _lobe_table(model)
+    tangent, jobs = _tangent_jobs(lobes, lobe_start, packed.surface, packed.position, packed.normal)
     sites = None
     if indirect is not None:
-        sites = _sites_at(indirect, packed.vertex, packed.corner, packed.corner_share, model.mesh.centered_vertices)
+        reading = (packed.vertex, packed.corner, packed.corner_share)
+        sites, more = _site_jobs(indirect, *reading, model.mesh.centered_vertices)
+        jobs += more
+    _run(jobs)
     return Buffers(
         position=packed.position,
         geometric_normal=packed.geometric,
         normal=packed.normal,
         to_viewer=packed.to_viewer,
-        tangent=tangents_of(lobes, lobe_start, packed.surface, packed.position, packed.normal),
+        tangent=tangent,
         diffuse=packed.diffuse,
         gloss=packed.gloss,
         surface=packed.surface,
@@ -193,12 +199,25 @@ def tangents_of(
     normal: Float32[np.ndarray, "3 point"],
 ) -> Float32[np.ndarray, "plane point"]:
     """Of each surface's lobes that are not round, one after the other: the tangents at its points. No planes without any."""
-    counts = [int(np.isin(lobes[a:b, 10], (LONG, BRUSHED)).sum()) for a, b in pairwise(lobe_start)]
-    out = np.zeros((3 * max(counts, default=0), len(surface)), np.float32)
-    if len(out):
-        given = (surface, lobe_start, lobes, position, normal, out)
-        over_threads(lambda part: write_tangents(part.start, part.stop, *given), tiles(len(surface)))
+    out, jobs = _tangent_jobs(lobes, lobe_start, surface, position, normal)
+    _run(jobs)
     return out
+
+
+def _tangent_jobs(
+    lobes: np.ndarray, lobe_start: np.ndarray, surface: np.ndarray, position: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, list[Job]]:
+    has_tangent = (lobes[:, 10] == LONG) | (lobes[:, 10] == BRUSHED)
+    most = max((int(has_tangent[a:b].sum()) for a, b in pairwise(lobe_start)), default=0)
+    out = np.zeros((3 * most, len(surface)), np.float32)
+    given = (surface, lobe_start, lobes, position, normal, out)
+    parts = tiles(len(surface)) if most else []
+    return out, [partial(write_tangents, part.start, part.stop, *given) for part in parts]
+
+
+def _run(jobs: list[Job]) -> None:
+    """All of them over threads, which wait for each other once."""
+    over_threads(lambda job: job(), jobs)
 
 
 # --------------------------------------------------------------------------------------- indirect light
@@ -225,20 +244,29 @@ def _sites(model: RelightModel, indirect: Indirect, view: View, order: np.ndarra
     source, new_row = np.ascontiguousarray(source, np.int32), np.zeros(len(positions), np.int32)
     rows = np.empty(len(positions), np.int32)
     rows = rows[: number_used(source, new_row, rows)]
-    return _sites_at(indirect, rows, source, np.ascontiguousarray(share, np.float32), positions)
+    sites, jobs = _site_jobs(indirect, rows, source, np.ascontiguousarray(share, np.float32), positions)
+    _run(jobs)
+    return sites
 
 
-def _sites_at(indirect: Indirect, rows: np.ndarray, source: np.ndarray, share: np.ndarray, places: np.ndarray) -> Sites:
-    """The sites of some rows; `source` counts among those."""
-    return Sites(
+def _site_jobs(
+    indirect: Indirect, rows: np.ndarray, source: np.ndarray, share: np.ndarray, places: np.ndarray
+) -> tuple[Sites, list[Job]]:
+    """The sites of some rows, and what fills them; `source` counts among those."""
+    positions = np.empty((len(rows), 3), np.float32)
+    coefficients = np.empty((len(rows), *indirect.coefficients.shape[1:]), np.float32)
+    ambient = np.empty((len(rows), 3), np.float32)
+    given = (rows, places, indirect.coefficients, indirect.ambient, positions, coefficients, ambient)
+    sites = Sites(
         source=source,
         share=share,
-        positions=places[rows].astype(np.float32, copy=False),
-        coefficients=indirect.coefficients[rows].astype(np.float32, copy=False),
-        ambient=indirect.ambient[rows].astype(np.float32, copy=False),
+        positions=positions,
+        coefficients=coefficients,
+        ambient=ambient,
         all_positions=places,
         to_basis=_polynomial(indirect.basis),
     )
+    return sites, [partial(take_sites, part.start, part.stop, *given) for part in tiles(len(rows))]
 
 
 def monomials(omega: Float64[np.ndarray, "light 3"]) -> Float64[np.ndarray, "light monomial"]:

@@ -92,11 +92,12 @@ def fades(a, b, captured, packed, fade):
 @inlined
 def _part(seen, row, surface, p, n, footprint):
     """1 where a captured point, which begins at `row` of `seen`, shows the spot at p with normal n; else 0."""
+    if seen[row + SURFACE] != surface:
+        return ZERO
     dx, dy, dz = seen[row + PLACE_X] - p[0], seen[row + PLACE_Y] - p[1], seen[row + PLACE_Z] - p[2]
     reach = footprint * seen[row + REACH]
     alike = seen[row + NORMAL_X] * n[0] + seen[row + NORMAL_Y] * n[1] + seen[row + NORMAL_Z] * n[2]
-    same = (seen[row + SURFACE] == surface) & (alike > ALIKE)
-    return ONE if same & (dx * dx + dy * dy + dz * dz < reach * reach) else ZERO
+    return ONE if (alike > ALIKE) & (dx * dx + dy * dy + dz * dz < reach * reach) else ZERO
 
 
 @inlined

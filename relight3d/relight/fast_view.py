@@ -12,7 +12,7 @@ from jaxtyping import Int32
 
 from relight3d import views
 from relight3d.camera import Camera
-from relight3d.packets import WIDTH
+from relight3d.packets import NUM_HIT_ROWS, WIDTH, empty_packet
 from relight3d.records import RelightModel
 from relight3d.relight import look_kernels, outline_kernels, view_kernels
 from relight3d.relight.captured import captured_of
@@ -28,8 +28,8 @@ class _Tile(NamedTuple):
     """Seats that one thread sees to, and what it found there."""
 
     seats: slice
-    cut: Int32[np.ndarray, " cut"]  # seats looked at again; their rays stand from `begin` on
-    begin: int
+    cut: Int32[np.ndarray, " cut"]  # seats of pixels that show several things
+    ray_of_cut: Int32[np.ndarray, " cut"]  # where the rays begin that share such a pixel
     counts: tuple[int, int, int]  # points, pixels with points, rays lost to the surroundings
     num_rays: int
 
@@ -59,7 +59,7 @@ class _Looker:
             self._reflectance[mirror.surface] = mirror.reflectance
         self._is_mirror = self._reflectance.any(axis=1).astype(np.int32)
         self._has_lens = any((camera.k1, camera.k2, camera.p1, camera.p2))
-        # Room for every pixel on an outline; what is not used is never touched.
+        # Room for every pixel on an outline.
         num = self._num_seats * (1 + (options.edge_samples if options.edge_samples > 1 else 0))
         self._rays = Rays(
             face=np.empty(num, np.int32),
@@ -68,6 +68,7 @@ class _Looker:
             v=np.empty(num, np.float32),
             depth=np.empty(num, np.float32),
             toward=np.empty((3, num), np.float32),
+            normal=np.empty((3, num), np.float32),
             tint=np.empty((num if model.mirrors else 0, 3), np.float32),
             turned=np.empty((num if model.mirrors else 0, 2, 3), np.float32),
         )
@@ -80,13 +81,8 @@ class _Looker:
 
     def view(self) -> LazyView:
         reflected = over_threads(self._look, self._tiles)
-        cuts = over_threads(self._outline, self._tiles)
-        # One after the other: of the room for every pixel, only what is used becomes memory.
-        begins = self._num_seats + self.options.edge_samples * np.cumsum([0, *(len(cut) for cut in cuts)])
-        again = zip(self._tiles, cuts, begins.tolist())
-        looked = over_threads(lambda given: self._look_again(*given), again)
+        looked = over_threads(self._look_again, self._tiles)
         listed, firsts = self._room_for_list(looked)
-        over_threads(lambda k: self._list(looked[k], firsts[k], listed), range(len(looked)))
         packed = self._pack(looked, firsts, listed)
         num_rays = self.camera.num_pixels + sum(reflected) + sum(tile.num_rays for tile in looked)
         toward = np.ascontiguousarray(self._rays.toward[:, listed.lost].T)
@@ -106,7 +102,7 @@ class _Looker:
         look_kernels.seat_rays(*ends, *self._size, *rays)
         num = self._trace(*ends)
         with_outlines = self.options.edge_samples > 1
-        outline_kernels.draw(*ends, *self._size, with_outlines, self._mesh, self._rays, self._picture)
+        outline_kernels.draw(*ends, *self._size, with_outlines, self._rays, self._picture)
         return num
 
     def _bend(self, seats: np.ndarray, shift_x, shift_y, begin: int) -> None:
@@ -122,10 +118,13 @@ class _Looker:
         packets = self.scene.packets
         assert packets is not None
         eye = (self.camera.center - self.model.mesh.center).astype(np.float32)
-        return look_kernels.look(
+        num_reflected = look_kernels.look(
             first, last, packets.intersect, packets.scene, packets.arguments, self.scene.offset_distance, eye,
-            self._ways, self.options.max_bounces, self._is_mirror, self._reflectance, self._mesh, self._rays,
+            self._ways, self.options.max_bounces, self._is_mirror, self._reflectance, self._mesh,
+            empty_packet(NUM_HIT_ROWS), self._rays,
         )  # fmt: skip
+        look_kernels.write_normals(first, last, self._mesh, self._rays)
+        return num_reflected
 
     def _outline(self, seats: slice) -> Int32[np.ndarray, " cut"]:
         """The seats of pixels on outlines."""
@@ -138,9 +137,11 @@ class _Looker:
         given = (seats.start, seats.stop, *self._size, picture.is_edge, self._rays.face)
         return cut[: outline_kernels.cut_seats(*given, cut)]
 
-    def _look_again(self, seats: slice, cut: Int32[np.ndarray, " cut"], begin: int) -> _Tile:
+    def _look_again(self, seats: slice) -> _Tile:
         """Looks through several places of the pixels on outlines."""
-        samples, num = self.options.edge_samples, 0
+        cut, samples, num = self._outline(seats), self.options.edge_samples, 0
+        # Every seat has room of its own; what is not used never becomes memory.
+        begin, ray_of_cut = self._num_seats + samples * seats.start, np.empty(len(cut), np.int32)
         if len(cut):
             side = round(samples**0.5)
             y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
@@ -151,8 +152,10 @@ class _Looker:
             look_kernels.cut_rays(cut, self.camera.width, *rays)
             num = len(cut) * samples
             num += self._trace(begin, begin + num)
-        counts = outline_kernels.count_points(seats.start, seats.stop, self._rays.face, cut, samples, begin)
-        return _Tile(seats, cut, begin, counts, num)
+            left = outline_kernels.keep_several(samples, begin, self._rays, cut, ray_of_cut)
+            cut, ray_of_cut = cut[:left], ray_of_cut[:left]
+        counts = outline_kernels.count_points(seats.start, seats.stop, self._rays.face, cut, ray_of_cut, samples)
+        return _Tile(seats, cut, ray_of_cut, counts, num)
 
     # ------------------------------------------------------------------------------------- points
 
@@ -173,7 +176,7 @@ class _Looker:
         given = (tile.seats.start, tile.seats.stop, *self._size, self._rays.face)
         begins = (int(first[0]), int(first[1]), int(first[2]))
         into = (self.options.edge_samples, self.model.outlines_end == "black")
-        outline_kernels.list_points(*given, tile.cut, *into, tile.begin, *begins, listed)
+        outline_kernels.list_points(*given, tile.cut, tile.ray_of_cut, *into, *begins, listed)
 
     def _pack(self, looked: list[_Tile], firsts: np.ndarray, listed: Listed) -> Packed:
         """What frames read of the points."""
@@ -197,20 +200,22 @@ class _Looker:
             source=np.empty((num_sources, 4), np.int32),
             source_share=np.empty((num_sources, 4), np.float32),
         )
-        given = (listed, self._rays, self._mesh, self._captured)
+        given = (listed, self._rays, self._mesh, self._captured, packed, is_read)
 
         def fill(k: int) -> None:
-            first, last = int(firsts[k, 0]), int(firsts[k + 1, 0])
-            view_kernels.fill_points(first, last, *given, packed, is_read, view_kernels.scratch())
-            seats, picture = looked[k].seats, (self._picture.label, listed.point_of_pixel)
-            outline_kernels.find_neighbours(
-                seats.start, seats.stop, *self._size, first, last, *picture, packed.neighbour
-            )
+            self._list(looked[k], firsts[k], listed)
+            view_kernels.fill_points(int(firsts[k, 0]), int(firsts[k + 1, 0]), *given, view_kernels.scratch())
 
         over_threads(fill, range(len(looked)))
-        if not with_corners:
-            return packed
-        vertex = vertex[: view_kernels.number_read(is_read, row_of_vertex, vertex)]
-        corner = packed.corner.reshape(-1)
-        over_threads(lambda part: view_kernels.renumber(row_of_vertex, corner[part]), tiles(len(corner)))
-        return packed._replace(vertex=vertex)
+        num_read = view_kernels.number_read(is_read, row_of_vertex, vertex)
+        corner, points = packed.corner.reshape(-1), (self._picture.label, listed.point_of_pixel)
+
+        def tie(k: int) -> None:
+            seats, first, last = looked[k].seats, int(firsts[k, 0]), int(firsts[k + 1, 0])
+            outline_kernels.find_neighbours(
+                seats.start, seats.stop, *self._size, first, last, *points, packed.neighbour
+            )
+            view_kernels.renumber(row_of_vertex, corner[3 * first : 3 * last])
+
+        over_threads(tie, range(len(looked)))
+        return packed._replace(vertex=vertex[:num_read])

@@ -50,31 +50,48 @@ def _split_facing(normal, viewer, way, along, across):
         across[i] = wx[i] * vx[i] + wy[i] * vy[i] + wz[i] * vz[i] - along[i]
 
 
+@fused_inlined
+def _planes(values, plane, a, b):
+    return values[plane, a:b], values[plane + 1, a:b], values[plane + 2, a:b]
+
+
+@fused_inlined
+def _tangents(lobe, normal, position, tangent):
+    """maths.lafortune.tangent_frame for a run of points: where the lobe's own direction stands on the normal, a frame of
+    the normal alone.
+    """
+    (nx, ny, nz), (qx, qy, qz), (tx, ty, tz) = normal, position, tangent
+    for i in range(len(tx)):
+        sign = ONE if nz[i] >= 0 else -ONE
+        t = -sign * nx[i] / (sign + nz[i])
+        ux = lobe[7] + lobe[13] * qz[i] - lobe[14] * qy[i]
+        uy = lobe[8] + lobe[14] * qx[i] - lobe[12] * qz[i]
+        uz = lobe[9] + lobe[12] * qy[i] - lobe[13] * qx[i]
+        along = nx[i] * ux + ny[i] * uy + nz[i] * uz
+        px, py, pz = ux - nx[i] * along, uy - ny[i] * along, uz - nz[i] * along
+        squared, whole = px * px + py * py + pz * pz, ux * ux + uy * uy + uz * uz
+        inverse = ONE / np.float32(math.sqrt(max(squared, TINY)))
+        turns = squared > TURNS_AT * TURNS_AT * whole
+        tx[i] = px * inverse if turns else ONE + t * nx[i]
+        ty[i] = py * inverse if turns else t * ny[i]
+        tz[i] = pz * inverse if turns else -sign * nx[i]
+
+
 @fused
 def write_tangents(first, last, surface, lobe_start, lobes, position, normal, out):
-    """The tangents of points first..last for the lobes of their surface that are not round, maths.lafortune.tangent_frame:
-    three planes for each such lobe. They do not depend on the light.
+    """The tangents of points first..last for the lobes of their surface that are not round: three planes for each such
+    lobe. They do not depend on the light.
     """
-    for p in range(first, last):
-        nx, ny, nz = normal[0, p], normal[1, p], normal[2, p]
-        qx, qy, qz = position[0, p], position[1, p], position[2, p]
-        plane, of = 0, surface[p]
+    a = first
+    while a < last:
+        b, of, plane = a + 1, surface[a], 0
+        while b < last and surface[b] == of:
+            b += 1
         for k in range(lobe_start[of], lobe_start[of + 1]):
-            if lobes[k, 10] == ROUND or lobes[k, 10] == ROUND_HALFWAY:
-                continue
-            sign = ONE if nz >= 0 else -ONE
-            t = -ONE / (sign + nz)
-            tx, ty, tz = ONE + sign * nx * nx * t, sign * nx * ny * t, -sign * nx
-            ux = lobes[k, 7] + lobes[k, 13] * qz - lobes[k, 14] * qy
-            uy = lobes[k, 8] + lobes[k, 14] * qx - lobes[k, 12] * qz
-            uz = lobes[k, 9] + lobes[k, 12] * qy - lobes[k, 13] * qx
-            along = nx * ux + ny * uy + nz * uz
-            px, py, pz = ux - nx * along, uy - ny * along, uz - nz * along
-            length = np.float32(math.sqrt(px * px + py * py + pz * pz))
-            if length > TURNS_AT * np.float32(math.sqrt(ux * ux + uy * uy + uz * uz)):
-                tx, ty, tz = px / length, py / length, pz / length
-            out[plane, p], out[plane + 1, p], out[plane + 2, p] = tx, ty, tz
-            plane += 3
+            if lobes[k, 10] == LONG or lobes[k, 10] == BRUSHED:
+                _tangents(lobes[k], _planes(normal, 0, a, b), _planes(position, 0, a, b), _planes(out, plane, a, b))
+                plane += 3
+        a = b
 
 
 @fused_inlined
@@ -84,11 +101,6 @@ def _add_dot(a_planes, b_planes, out):
     bx, by, bz = b_planes
     for i in range(len(out)):
         out[i] += ax[i] * bx[i] + ay[i] * by[i] + az[i] * bz[i]
-
-
-@fused_inlined
-def _planes(values, plane, a, b):
-    return values[plane, a:b], values[plane + 1, a:b], values[plane + 2, a:b]
 
 
 @fused_inlined

@@ -6,7 +6,6 @@ among mirrors when no more were to be followed. They compute what views.build_vi
 
 import math
 
-import numba
 import numpy as np
 
 from relight3d.packets import (
@@ -22,9 +21,8 @@ from relight3d.packets import (
     ORIGIN,
     WIDTH,
     call_query,
-    empty_packet,
 )
-from relight3d.relight.kernels import ONE, compiled, inlined
+from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
 from relight3d.relight.view_arrays import AMONG_MIRRORS, ASKED, BLOCK, NOTHING, SURROUNDINGS
 
 TWO = np.float32(2)
@@ -179,14 +177,37 @@ def _settle(start, count, active, words, packet, is_mirror, surface_of_face, ray
     return num_mirrors
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
-def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, is_mirror, reflectance, mesh, rays):
+@inlined
+def _follow(ray, lane, is_last, offset, ways, is_mirror, reflectance, mesh, rays, packet):
+    """Sends a ray that ended in a mirror on, or writes down why not. Whether it goes on, and whether it was reflected."""
+    surface = np.uintp(rays.label[ray] >> 1)
+    if is_mirror[surface] == 0:
+        return False, False
+    if is_last:
+        rays.face[ray], rays.label[ray] = AMONG_MIRRORS, NOTHING
+        return False, False
+    if rays.label[ray] & 1 == 0:
+        for axis in range(3):
+            rays.tint[ray, axis] = ONE
+            rays.turned[ray, 0, axis], rays.turned[ray, 1, axis] = ways[0, axis], ways[1, axis]
+    for axis in range(3):
+        rays.tint[ray, axis] *= reflectance[surface, axis]
+    if _bounce(ray, lane, offset, mesh, rays, packet):
+        return True, True
+    rays.face[ray], rays.label[ray] = SURROUNDINGS, SURROUNDINGS
+    return False, True
+
+
+@compiled
+def look(
+    first, last, query, scene, arguments, offset, eye, ways, max_bounces, is_mirror, reflectance, mesh, room, rays
+):  # fmt: skip
     """Traces those of the rays first..last that are asked for, from `eye`, and on from mirrors.
 
     `is_mirror` and `reflectance` (x 3) go by surface; `ways` are the camera's steps to the right and down for one pixel at
-    depth 1. Returns how many rays were reflected.
+    depth 1; `room` is an empty packet. Returns how many rays were reflected.
     """
-    words, packet, active = empty_packet(NUM_HIT_ROWS)
+    words, packet, active = room
     words[NUM_RAY_ROWS:] = -1
     num_reflected = 0
     for start in range(first, last, WIDTH):
@@ -201,36 +222,40 @@ def look(first, last, query, scene, arguments, offset, eye, ways, max_bounces, i
                 if _settle(start, count, active, words, packet, *mirrors, rays) == 0:
                     break
             waiting = 0
-            for lane in range(count):
+            for i in range(count):
+                lane, ray = np.uintp(i), np.uintp(start + i)
                 if active[lane] == 0:
                     continue
-                ray, hit = start + lane, words[HIT_PRIMITIVE, lane]
                 active[lane] = 0
                 if bounce > 0:
+                    hit = words[HIT_PRIMITIVE, lane]
                     if hit < 0:
                         rays.face[ray], rays.label[ray] = SURROUNDINGS, SURROUNDINGS
                         continue
                     rays.face[ray], rays.u[ray], rays.v[ray] = hit, packet[HIT_U, lane], packet[HIT_V, lane]
                     rays.depth[ray] += packet[FAR, lane]
-                    rays.label[ray] = 2 * mesh.surface_of_face[hit] + 1
-                surface = rays.label[ray] >> 1
-                if is_mirror[surface] == 0:
-                    continue
-                if bounce == max_bounces:
-                    rays.face[ray], rays.label[ray] = AMONG_MIRRORS, NOTHING
-                    continue
-                num_reflected += 1
-                if bounce == 0:
-                    for axis in range(3):
-                        rays.tint[ray, axis] = ONE
-                        rays.turned[ray, 0, axis], rays.turned[ray, 1, axis] = ways[0, axis], ways[1, axis]
-                for axis in range(3):
-                    rays.tint[ray, axis] *= reflectance[surface, axis]
-                if _bounce(ray, lane, offset, mesh, rays, packet):
+                    rays.label[ray] = 2 * mesh.surface_of_face[np.uintp(hit)] + 1
+                is_last = bounce == max_bounces
+                goes_on, is_reflected = _follow(
+                    ray, lane, is_last, offset, ways, is_mirror, reflectance, mesh, rays, packet
+                )  # fmt: skip
+                num_reflected += is_reflected
+                if goes_on:
                     active[lane] = -1
                     waiting += 1
-                else:
-                    rays.face[ray], rays.label[ray] = SURROUNDINGS, SURROUNDINGS
             if waiting == 0:
                 break
     return num_reflected
+
+
+@compiled
+def write_normals(first, last, mesh, rays):
+    """The shading normals where the rays first..last ended."""
+    for k in range(first, last):
+        ray = np.uintp(k)
+        f, nx, ny, nz = rays.face[ray], ZERO, ZERO, ZERO
+        if f >= 0:
+            wx, wy, wz = rays.toward[0, ray], rays.toward[1, ray], rays.toward[2, ray]
+            gx, gy, gz = facing_normal(f, wx, wy, wz, mesh)
+            nx, ny, nz = normal_at(f, rays.u[ray], rays.v[ray], gx, gy, gz, mesh)
+        rays.normal[0, ray], rays.normal[1, ray], rays.normal[2, ray] = nx, ny, nz

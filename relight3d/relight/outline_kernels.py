@@ -7,31 +7,37 @@ import numpy as np
 
 from relight3d.packets import WIDTH
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
-from relight3d.relight.look_kernels import facing_normal, normal_at
 from relight3d.relight.view_arrays import BLOCK, NOTHING, SURROUNDINGS
+
+ONE_ON = np.uintp(1)  # unsigned: an index that could be negative is asked about at every access
+FAR_BEHIND, ALIKE = np.float32(0.06), np.float32(0.85)  # as outlines.is_break
+
+
+@inlined
+def _draw_row(seat, p, count, with_outlines, rays, picture):
+    """Pixels p to p + count, which are seats `seat` and on."""
+    for k in range(count):
+        picture.is_hit[p + k], picture.label[p + k] = rays.face[seat + k] != NOTHING, rays.label[seat + k]
+    if with_outlines:
+        for k in range(count):
+            picture.depth[p + k] = rays.depth[seat + k] if rays.face[seat + k] >= 0 else ZERO
+        for axis in range(3):
+            for k in range(count):
+                picture.normal[axis, p + k] = rays.normal[axis, seat + k]
 
 
 @compiled
-def draw(first, last, width, height, with_outlines, mesh, rays, picture):
+def draw(first, last, width, height, with_outlines, rays, picture):
     """The picture (view_arrays.Picture) of seats first..last; without outlines only what is hit, and labels."""
     blocks_wide = -(-width // BLOCK)
     for begin in range(first, last, WIDTH):
         left, top = begin // WIDTH % blocks_wide * BLOCK, begin // WIDTH // blocks_wide * BLOCK
         for row in range(min(BLOCK, height - top)):
             seat, p = begin + BLOCK * row, (top + row) * width + left
-            for k in range(min(BLOCK, width - left)):
-                picture.is_hit[p + k], picture.label[p + k] = rays.face[seat + k] != NOTHING, rays.label[seat + k]
-            if not with_outlines:
-                continue
-            for ray in range(seat, seat + min(BLOCK, width - left)):
-                f, nx, ny, nz = rays.face[ray], ZERO, ZERO, ZERO
-                picture.depth[p] = rays.depth[ray] if f >= 0 else ZERO
-                if f >= 0:
-                    wx, wy, wz = rays.toward[0, ray], rays.toward[1, ray], rays.toward[2, ray]
-                    gx, gy, gz = facing_normal(f, wx, wy, wz, mesh)
-                    nx, ny, nz = normal_at(f, rays.u[ray], rays.v[ray], gx, gy, gz, mesh)
-                picture.normal[0, p], picture.normal[1, p], picture.normal[2, p] = nx, ny, nz
-                p += 1
+            if left + BLOCK <= width:
+                _draw_row(np.uintp(seat), np.uintp(p), BLOCK, with_outlines, rays, picture)
+            else:
+                _draw_row(np.uintp(seat), np.uintp(p), width - left, with_outlines, rays, picture)
 
 
 @inlined
@@ -40,13 +46,13 @@ def _breaks(here, there, num, picture, out):
     label, other = picture.label[here : here + num], picture.label[there : there + num]
     near, far = picture.depth[here : here + num], picture.depth[there : there + num]
     for i in range(num):
-        apart = abs(near[i] - far[i]) > np.float32(0.06) * max(near[i], far[i])
+        apart = abs(near[i] - far[i]) > FAR_BEHIND * max(near[i], far[i])
         out[i] = (label[i] != other[i]) | apart
     nx, ny, nz = (picture.normal[0, here:], picture.normal[1, here:], picture.normal[2, here:])
     mx, my, mz = (picture.normal[0, there:], picture.normal[1, there:], picture.normal[2, there:])
     for i in range(num):
         alike = nx[i] * mx[i] + ny[i] * my[i] + nz[i] * mz[i]
-        out[i] |= (alike < np.float32(0.85)) & (label[i] >= 0)
+        out[i] |= (alike < ALIKE) & (label[i] >= 0)
 
 
 @inlined
@@ -93,17 +99,48 @@ def cut_seats(first, last, width, height, is_edge, face, seats):
 
 
 @inlined
-def _ends(face, begin, num):
-    """How many of `num` rays met something, and how many ended in a face."""
-    met, found = 0, 0
-    for ray in range(begin, begin + num):
-        met += face[ray] != NOTHING
-        found += face[ray] >= 0
-    return met, found
+def _differs(ray, seat, rays):
+    """Whether a ray shows something else than the one through its pixel's middle."""
+    if rays.face[ray] < 0 or rays.label[ray] != rays.label[seat]:
+        return True
+    depth, middle, alike = rays.depth[ray], rays.depth[seat], ZERO
+    for axis in range(3):
+        alike += rays.normal[axis, ray] * rays.normal[axis, seat]
+    return (abs(depth - middle) > FAR_BEHIND * max(depth, middle)) | (alike < ALIKE)
 
 
 @compiled
-def count_points(first, last, face, cut, num_each, begin):
+def keep_several(num_each, begin, rays, cut, ray_of_cut):
+    """Of the seats in `cut` keeps those with a ray that shows something else than their middle, as views._shows_several.
+
+    Each has `num_each` rays, from `begin` on; writes where those of the seats that are left begin. Returns how many are.
+    """
+    count = 0
+    for k in range(len(cut)):
+        seat, first = cut[k], begin + k * num_each
+        is_several, is_met = False, False
+        for ray in range(first, first + num_each):
+            is_met |= rays.face[ray] != NOTHING
+            is_several |= _differs(ray, seat, rays)
+        if is_several and is_met:
+            cut[count], ray_of_cut[count] = seat, first
+            count += 1
+    return count
+
+
+@inlined
+def _ends(face, begin, num):
+    """How many of `num` rays met something, how many ended in a face, and how many in the surroundings."""
+    met, found, lost = 0, 0, 0
+    for ray in range(begin, begin + num):
+        met += face[ray] != NOTHING
+        found += face[ray] >= 0
+        lost += face[ray] == SURROUNDINGS
+    return met, found, lost
+
+
+@compiled
+def count_points(first, last, face, cut, ray_of_cut, num_each):
     """How many points, pixels with points, and rays lost to the surroundings seats first..last have; as list_points."""
     num_points, num_ranks, num_lost = 0, 0, 0
     for seat in range(first, last):
@@ -111,52 +148,49 @@ def count_points(first, last, face, cut, num_each, begin):
         num_lost += face[seat] == SURROUNDINGS
     num_ranks = num_points
     for k in range(len(cut)):
-        met, found = _ends(face, begin + k * num_each, num_each)
-        if met > 0:
-            was_point = face[cut[k]] >= 0
-            num_points += found - was_point
-            num_ranks += (found > 0) - was_point
-            for ray in range(begin + k * num_each, begin + (k + 1) * num_each):
-                num_lost += face[ray] == SURROUNDINGS
-            num_lost -= face[cut[k]] == SURROUNDINGS
+        _, found, lost = _ends(face, ray_of_cut[k], num_each)
+        was_point = face[cut[k]] >= 0
+        num_points += found - was_point
+        num_ranks += (found > 0) - was_point
+        num_lost += lost - (face[cut[k]] == SURROUNDINGS)
     return num_points, num_ranks, num_lost
 
 
 @compiled
-def list_points(first, last, width, height, face, cut, num_each, ends_in_black, begin, p, rank, lost, listed):
+def list_points(
+    first, last, width, height, face, cut, ray_of_cut, num_each, ends_in_black, p, rank, lost, listed
+):  # fmt: skip
     """The points of seats first..last, written from point `p`, `rank` and `lost` ray on.
 
-    Seats listed in `cut` have `num_each` rays in place of one, from `begin` on, if any of them meets the mesh. Those that
-    do share the pixel, or with `ends_in_black` have their part of it.
+    Seats listed in `cut` have `num_each` rays in place of one, from `ray_of_cut` on. Those that meet the mesh share the
+    pixel, or with `ends_in_black` have their part of it.
     """
     blocks_wide, k = -(-width // BLOCK), 0
+    next_cut = cut[0] if len(cut) else last
     for begin_block in range(first, last, WIDTH):
         left, top = begin_block // WIDTH % blocks_wide * BLOCK, begin_block // WIDTH // blocks_wide * BLOCK
         for row in range(min(BLOCK, height - top)):
             for column in range(min(BLOCK, width - left)):
-                seat, pixel = begin_block + BLOCK * row + column, (top + row) * width + left + column
-                ray, num, met, found = seat, 1, 1, 1
-                if k < len(cut) and cut[k] == seat:
-                    met, found = _ends(face, begin + k * num_each, num_each)
-                    if met > 0:
-                        ray, num = begin + k * num_each, num_each
-                        met = num_each if ends_in_black else met
-                    else:
-                        met, found = 1, 1
+                seat, pixel = begin_block + BLOCK * row + column, np.uintp((top + row) * width + left + column)
+                ray, num, part, rank_part, before = seat, 1, ONE, ONE, p
+                if seat == next_cut:
+                    ray, num = ray_of_cut[k], num_each
+                    met, found, _ = _ends(face, ray, num)
+                    part = ONE / np.float32(num_each if ends_in_black else met)
+                    rank_part = ONE / np.float32(max(found, 1))
                     k += 1
-                listed.point_of_pixel[pixel] = p if num == 1 and face[ray] >= 0 else -1
-                before = p
+                    next_cut = cut[k] if k < len(cut) else last
                 for end in range(ray, ray + num):
-                    if face[end] >= 0:
-                        listed.ray[p] = end
-                        listed.part[p], listed.rank_part[p] = ONE / np.float32(met), ONE / np.float32(found)
+                    if face[np.uintp(end)] >= 0:
+                        point = np.uintp(p)
+                        listed.ray[point], listed.part[point], listed.rank_part[point] = end, part, rank_part
                         p += 1
                     elif face[end] == SURROUNDINGS:
-                        listed.lost[lost], listed.lost_pixel[lost] = end, pixel
-                        listed.lost_part[lost] = ONE / np.float32(met)
+                        listed.lost[lost], listed.lost_pixel[lost], listed.lost_part[lost] = end, pixel, part
                         lost += 1
+                listed.point_of_pixel[pixel] = before if num == 1 and p > before else -1
                 if p > before:
-                    listed.start[rank], listed.pixel_of_rank[rank] = before, pixel
+                    listed.start[np.uintp(rank)], listed.pixel_of_rank[np.uintp(rank)] = before, pixel
                     rank += 1
 
 
@@ -168,17 +202,17 @@ def find_neighbours(first, last, width, height, p, end, label, point_of_pixel, n
         left, top = begin // WIDTH % blocks_wide * BLOCK, begin // WIDTH // blocks_wide * BLOCK
         for y in range(top, min(top + BLOCK, height)):
             for x in range(left, min(left + BLOCK, width)):
-                pixel = y * width + x
+                pixel = np.uintp(y * width + x)
                 here, mark = point_of_pixel[pixel], label[pixel]
                 if here < 0:
                     continue
                 while p < here:  # the points of cut pixels before this one
                     neighbour[p, 0], neighbour[p, 1], neighbour[p, 2], neighbour[p, 3] = -1, -1, -1, -1
                     p += 1
-                neighbour[p, 0] = point_of_pixel[pixel + 1] if x + 1 < width and label[pixel + 1] == mark else -1
-                neighbour[p, 1] = point_of_pixel[pixel - 1] if x > 0 and label[pixel - 1] == mark else -1
-                down, up = pixel + width, pixel - width
-                neighbour[p, 2] = point_of_pixel[down] if y + 1 < height and label[down] == mark else -1
-                neighbour[p, 3] = point_of_pixel[up] if y > 0 and label[up] == mark else -1
+                right, up, down, point = pixel + ONE_ON, pixel - np.uintp(width), pixel + np.uintp(width), np.uintp(p)
+                neighbour[point, 0] = point_of_pixel[right] if x + 1 < width and label[right] == mark else -1
+                neighbour[point, 1] = point_of_pixel[pixel - ONE_ON] if x > 0 and label[pixel - ONE_ON] == mark else -1
+                neighbour[point, 2] = point_of_pixel[down] if y + 1 < height and label[down] == mark else -1
+                neighbour[point, 3] = point_of_pixel[up] if y > 0 and label[up] == mark else -1
                 p += 1
     neighbour[p:end] = -1

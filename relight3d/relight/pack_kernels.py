@@ -69,6 +69,19 @@ def read_faces(first, last, order, face, faces, source):
 
 
 @compiled
+def take_sites(first, last, rows, places, coefficients, ambient, out_places, out_coefficients, out_ambient):
+    """Where some sites are, their coefficients and ambient light: of rows[first..last]."""
+    num = coefficients.shape[1]
+    for i in range(first, last):
+        row = rows[i]
+        for c in range(3):
+            out_places[i, c], out_ambient[i, c] = places[row, c], ambient[row, c]
+        for k in range(num):
+            for c in range(3):
+                out_coefficients[i, k, c] = coefficients[row, k, c]
+
+
+@compiled
 def blend_modes(first, last, begin, start, member, source, share, modes, out):
     """The modes of items begin + first to begin + last: of their points, members start[item] to start[item + 1], by the
     captured points that these read.

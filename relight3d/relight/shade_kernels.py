@@ -111,9 +111,12 @@ def add_read_residual(lights, seen, source, share, images, a, b, work):
     n = b - a
     for light in range(len(images)):
         image, part = images[light], seen[light, a:b]
+        work[READ_LIT : READ_LIT + 3, :n], work[READ_DARK : READ_DARK + 3, :n] = ZERO, ZERO
         for i in range(n):
-            blend_colors(source, share, a + i, image, LIT_COLUMN, work, READ_LIT, i)  # pyright: ignore[reportCallIssue]
-            blend_colors(source, share, a + i, image, DARK_COLUMN, work, READ_DARK, i)  # pyright: ignore[reportCallIssue]
+            if part[i] > 0:
+                blend_colors(source, share, a + i, image, LIT_COLUMN, work, READ_LIT, i)  # pyright: ignore[reportCallIssue]
+            if part[i] < FULL:
+                blend_colors(source, share, a + i, image, DARK_COLUMN, work, READ_DARK, i)  # pyright: ignore[reportCallIssue]
         for c in range(3):
             lit, dark, total = work[READ_LIT + c, :n], work[READ_DARK + c, :n], work[TOTAL + c, :n]
             color = lights[light, COLOR + c]

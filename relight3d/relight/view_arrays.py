@@ -36,6 +36,7 @@ class Rays(NamedTuple):
     v: Float32[np.ndarray, " ray"]
     depth: Float32[np.ndarray, " ray"]  # the whole way
     toward: Float32[np.ndarray, "3 ray"]  # the last direction; at first the camera's
+    normal: Float32[np.ndarray, "3 ray"]  # the mesh's shading normal there, 0 where no face is seen
     tint: Float32[np.ndarray, "ray 3"]  # what mirrors leave of light
     turned: Float32[np.ndarray, "ray 2 3"]  # how they turn the camera's steps to the right and down
 

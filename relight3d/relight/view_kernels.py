@@ -22,7 +22,7 @@ from relight3d.relight.captured_kernels import (
     read_captured,
 )
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
-from relight3d.relight.look_kernels import corners_of, facing_normal, normal_at, place_at
+from relight3d.relight.look_kernels import corners_of, facing_normal, place_at
 from relight3d.relight.view_arrays import Scratch
 
 CHUNK = 128
@@ -55,8 +55,8 @@ def _place(a, b, listed, rays, mesh, packed, is_read, work):
         gx, gy, gz = facing_normal(f, wx, wy, wz, mesh)
         geometric[0, p], geometric[1, p], geometric[2, p] = gx, gy, gz
         position[0, p], position[1, p], position[2, p] = place_at(f, u, v, mesh)
-        nx, ny, nz = normal_at(f, u, v, gx, gy, gz, mesh)
-        work[MESH_NORMAL, p - a], work[MESH_NORMAL + 1, p - a], work[MESH_NORMAL + 2, p - a] = nx, ny, nz
+        for axis in range(3):
+            work[MESH_NORMAL + axis, p - a] = rays.normal[axis, ray]
         if with_corners:
             packed.corner_share[p, 0], packed.corner_share[p, 1], packed.corner_share[p, 2] = ONE - u - v, u, v
             i, j, k = corners_of(f, mesh)
