@@ -9,10 +9,10 @@ share it, as a photograph's pixel mixes what it covers.
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32
+from jaxtyping import Bool, Float32, Int32, UInt8
 
 from relight3d.camera import Camera
-from relight3d.outlines import Cut, cut_pixels, is_break
+from relight3d.outlines import ABOVE, BELOW, LEFT, RIGHT, Cut, cut_pixels, is_break
 from relight3d.records import RelightModel, ShadingPoints
 from relight3d.shading import points_mirrored, points_seen, reflected
 from relight3d.tracing import RayScene
@@ -67,14 +67,15 @@ def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: Vi
     followed = _follow(scene, model, centres, np.ones(len(centres), np.float32), options.max_bounces)
     cut = np.zeros(camera.num_pixels, bool)
     if options.edge_samples > 1:
-        on_edge = centres.pixel[_outlines(model, camera, followed)[centres.pixel]]
+        sides = _outlines(model, camera, followed)
+        on_edge = centres.pixel[sides[centres.pixel] > 0]
         # What every photograph is compared with is looked at once, and so more closely.
-        parts = cut_pixels(scene, model, camera, on_edge, options.edge_samples, captured)
+        parts = cut_pixels(scene, model, camera, on_edge, sides[on_edge], options.edge_samples, captured)
         num_rays += parts.num_rays
         shown = _follow(scene, model, parts.points, parts.share, options.max_bounces)
         cut = _shows_several(model, camera, followed, parts, shown)
         num_rays += shown.num_rays
-        followed = _both(followed.of_pixels(~cut), shown.of_pixels(cut), followed.num_rays)
+        followed = _both(followed.kept(np.where(cut, parts.middle, 1)), shown.kept(cut), followed.num_rays)
     return _assembled(model, camera, followed, cut, is_hit, num_rays + followed.num_rays)
 
 
@@ -93,10 +94,13 @@ class _Followed:
     miss_share: np.ndarray
     num_rays: int
 
-    def of_pixels(self, chosen: Bool[np.ndarray, " pixel"]) -> "_Followed":
-        on, lost = chosen[self.points.pixel], chosen[self.miss.pixel]
-        parts = (self.points.take(on), self.throughput[on], self.mirrors[on], self.is_mirrored[on])
-        return _Followed(*parts, self.miss.take(lost), self.miss_share[lost], self.num_rays)
+    def kept(self, share: np.ndarray) -> "_Followed":
+        """What pixels keep by some share of each; those that keep none are left out."""
+        of_point, of_miss = share[self.points.pixel], share[self.miss.pixel]
+        on, lost = of_point > 0, of_miss > 0
+        throughput, miss_share = self.throughput[on] * of_point[on, None], self.miss_share[lost] * of_miss[lost]
+        parts = (self.points.take(on), throughput.astype(np.float32), self.mirrors[on], self.is_mirrored[on])
+        return _Followed(*parts, self.miss.take(lost), miss_share.astype(np.float32), self.num_rays)
 
 
 def _follow(
@@ -173,20 +177,22 @@ def _labels(model: RelightModel, followed: _Followed) -> Int32[np.ndarray, " poi
     return model.surfaces.surface_of_face[followed.points.face] * 2 + followed.is_mirrored
 
 
-def _outlines(model: RelightModel, camera: Camera, followed: _Followed) -> Bool[np.ndarray, " pixel"]:
-    """Pixels next to one that shows another surface, another side of a crease, or something far behind."""
+def _outlines(model: RelightModel, camera: Camera, followed: _Followed) -> UInt8[np.ndarray, " pixel"]:
+    """On which sides of each pixel (outlines.RIGHT and on) the next one shows another surface, another side of a crease, or
+    something far behind.
+    """
     shape = (camera.height, camera.width)
     label, depth, normal = _picture(model, camera, followed)
     label, depth, normal = label.reshape(shape), depth.reshape(shape), normal.reshape(*shape, 3)
-    edge = np.zeros(shape, bool)
-    for axis in (0, 1):
+    sides = np.zeros(shape, np.uint8)
+    for axis, before, behind in ((0, BELOW, ABOVE), (1, RIGHT, LEFT)):
         here = tuple(slice(None, -1) if a == axis else slice(None) for a in (0, 1))
         ahead = tuple(slice(1, None) if a == axis else slice(None) for a in (0, 1))
         differs = label[here] != label[ahead]
         differs |= is_break(depth[here], depth[ahead], normal[here], normal[ahead]) & (label[here] >= 0)
-        edge[here] |= differs
-        edge[ahead] |= differs
-    return edge.ravel()
+        sides[here] |= np.where(differs, before, 0).astype(np.uint8)
+        sides[ahead] |= np.where(differs, behind, 0).astype(np.uint8)
+    return sides.ravel()
 
 
 def _shows_several(
@@ -201,7 +207,7 @@ def _shows_several(
     num_parts = np.bincount(cut.points.pixel, minlength=camera.num_pixels)
     is_several = ~cut.is_full | (np.bincount(pixel, minlength=camera.num_pixels) < num_parts)
     is_several[pixel[differs]] = True
-    return is_several & (num_parts > 0)
+    return is_several & ((num_parts > 0) | (cut.middle > 0))
 
 
 def _steps(camera: Camera, points: ShadingPoints, turn: np.ndarray) -> Float32[np.ndarray, "point 2 3"]:
