@@ -1,10 +1,7 @@
 """Pixels on outlines, cut into points that share them, as a photograph's pixel mixes what it covers."""
 
-from functools import cache
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, UInt8
+from jaxtyping import Float32, Float64, Int32
 
 from relight3d.camera import Camera
 from relight3d.records import RelightModel, ShadingPoints
@@ -18,70 +15,35 @@ def is_break(depth: np.ndarray, other_depth: np.ndarray, normal: np.ndarray, oth
     return crease | (np.abs(depth - other_depth) > 0.06 * np.maximum(depth, other_depth))
 
 
-# On which side of a pixel its neighbour shows something else: bits of a number.
-RIGHT, LEFT, BELOW, ABOVE = 1, 2, 4, 8
-ALL_SIDES = RIGHT | LEFT | BELOW | ABOVE
-
-
-class Cut(NamedTuple):
-    """The points that stand for pixels on outlines. Pixels are those of the whole picture."""
-
-    points: ShadingPoints
-    share: Float32[np.ndarray, " point"]  # of the pixel
-    middle: Float32[np.ndarray, " pixel"]  # what stays with the ray through a pixel's middle
-    is_full: Bool[np.ndarray, " pixel"]  # whether all rays of a pixel met the mesh
-    num_rays: int
-
-
-@cache
-def grid_places(samples: int) -> Float64[np.ndarray, "sample 2"]:
-    """The middles of a pixel's cells, x and y from 0 to 1."""
-    side = round(samples**0.5)
-    y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
-    return np.stack([x, y], axis=1)
-
-
-@cache
-def places_beyond(samples: int) -> Bool[np.ndarray, "sides sample"]:
-    """Which of a pixel's places (grid_places) are towards some sides, for all sixteen sets of sides.
-
-    A straight outline between a pixel's middle and some of its neighbours' passes no place that is towards none of them.
-    """
-    x, y = grid_places(samples).T
-    is_beyond = {RIGHT: x > 0.5, LEFT: x < 0.5, BELOW: y > 0.5, ABOVE: y < 0.5}
-    sides = np.arange(ALL_SIDES + 1)[:, None]
-    return np.any([(sides & side > 0) & beyond for side, beyond in is_beyond.items()], axis=0)
-
-
 def cut_pixels(
     scene: RayScene,
     model: RelightModel,
     camera: Camera,
-    pixel: Int32[np.ndarray, " some"],
-    sides: UInt8[np.ndarray, " some"],
+    pixel: Int32[np.ndarray, " pixel"],
     samples: int,
     is_fine: bool,
-) -> Cut:
-    """Looks through several places of each of the pixels, towards the sides where neighbours show something else.
+) -> tuple[ShadingPoints, Float32[np.ndarray, " point"], int]:
+    """The points that stand for pixels on outlines, their shares of the pixel, and the rays cast.
 
-    About `samples` points a pixel, what its middle shows among them: each the end of a ray, or with `is_fine` chosen from
-    four times as many rays through all of the pixel, so that a side of the outline has the share that it covers.
+    About `samples` points a pixel: each the end of a ray, or with `is_fine` chosen from four times as many rays, so that
+    a side of the outline has the share that it covers.
     """
-    place = _fine_places(samples) if is_fine else grid_places(samples)
-    is_asked = np.ones((len(pixel), len(place)), bool) if is_fine else places_beyond(samples)[sides]
-    which, sample = np.nonzero(is_asked)
-    corner = np.stack([pixel % camera.width, pixel // camera.width], axis=1)
-    places = corner[which] + place[sample] + NUDGE_PX
-    parts = points_along(scene, model.mesh, camera, pixel[which], places)
-    found = np.bincount(parts.pixel, minlength=camera.num_pixels)
-    asked, rest = np.zeros((2, camera.num_pixels), int)
-    asked[pixel] = is_asked.sum(axis=1)
-    rest[pixel] = len(place) - asked[pixel]
-    whole = np.full(camera.num_pixels, len(place)) if model.outlines_end == "black" else np.maximum(found + rest, 1)
-    share = 1.0 / whole[parts.pixel]
+    place = _fine_places(samples) if is_fine else _grid_places(samples)
+    pixels, places = _within(camera, pixel, place)
+    parts = points_along(scene, model.mesh, camera, pixels, places)
+    if model.outlines_end == "black":
+        share = np.full(len(parts), 1.0 / len(place))
+    else:
+        share = 1.0 / np.bincount(parts.pixel, minlength=camera.num_pixels)[parts.pixel]
     if is_fine and len(parts):
         parts, share = _thinned(model, parts, share)
-    return Cut(parts, share.astype(np.float32), (rest / whole).astype(np.float32), found == asked, len(which))
+    return parts, share.astype(np.float32), len(pixels)
+
+
+def _grid_places(samples: int) -> Float64[np.ndarray, "sample 2"]:
+    side = round(samples**0.5)
+    y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
+    return np.stack([x, y], axis=1)
 
 
 def _fine_places(samples: int) -> Float64[np.ndarray, "ray 2"]:
@@ -90,6 +52,11 @@ def _fine_places(samples: int) -> Float64[np.ndarray, "ray 2"]:
     y, x = np.mgrid[0:side, 0:side].reshape(2, -1)
     order = np.lexsort((x, y, x // 2, y // 2))
     return np.stack([x * side + y + 0.5, y * side + x + 0.5], axis=1)[order] / side**2
+
+
+def _within(camera: Camera, pixel: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    corner = np.stack([pixel % camera.width, pixel // camera.width], axis=1)
+    return np.repeat(pixel, len(place)), (corner[:, None] + place + NUDGE_PX).reshape(-1, 2)
 
 
 def _thinned(model: RelightModel, parts: ShadingPoints, share: np.ndarray) -> tuple[ShadingPoints, np.ndarray]:

@@ -9,10 +9,10 @@ share it, as a photograph's pixel mixes what it covers.
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int32
 
 from relight3d.camera import Camera
-from relight3d.outlines import ABOVE, BELOW, LEFT, RIGHT, Cut, cut_pixels, is_break
+from relight3d.outlines import cut_pixels, is_break
 from relight3d.records import RelightModel, ShadingPoints
 from relight3d.shading import points_mirrored, points_seen, reflected
 from relight3d.tracing import RayScene
@@ -65,17 +65,18 @@ def build_view(scene: RayScene, model: RelightModel, camera: Camera, options: Vi
     is_hit = np.zeros(camera.num_pixels, bool)
     is_hit[centres.pixel] = True
     followed = _follow(scene, model, centres, np.ones(len(centres), np.float32), options.max_bounces)
-    cut = np.zeros(camera.num_pixels, bool)
     if options.edge_samples > 1:
-        sides = _outlines(model, camera, followed)
-        on_edge = centres.pixel[sides[centres.pixel] > 0]
+        on_edge = centres.pixel[_outlines(model, camera, followed)[centres.pixel]]
         # What every photograph is compared with is looked at once, and so more closely.
-        parts = cut_pixels(scene, model, camera, on_edge, sides[on_edge], options.edge_samples, captured)
-        num_rays += parts.num_rays
-        shown = _follow(scene, model, parts.points, parts.share, options.max_bounces)
-        cut = _shows_several(model, camera, followed, parts, shown)
-        num_rays += shown.num_rays
-        followed = _both(followed.kept(np.where(cut, parts.middle, 1)), shown.kept(cut), followed.num_rays)
+        parts, weight, rays = cut_pixels(scene, model, camera, on_edge, options.edge_samples, captured)
+        num_rays += rays
+        cut = np.zeros(camera.num_pixels, bool)
+        cut[parts.pixel] = True
+        centre_left = centres.take(~cut[centres.pixel])
+        weight = np.concatenate([np.ones(len(centre_left)), weight]).astype(np.float32)
+        followed = _follow(scene, model, _joined(centre_left, parts), weight, options.max_bounces)
+    else:
+        cut = np.zeros(camera.num_pixels, bool)
     return _assembled(model, camera, followed, cut, is_hit, num_rays + followed.num_rays)
 
 
@@ -93,14 +94,6 @@ class _Followed:
     miss: ShadingPoints  # the last mirror point of each
     miss_share: np.ndarray
     num_rays: int
-
-    def kept(self, share: np.ndarray) -> "_Followed":
-        """What pixels keep by some share of each; those that keep none are left out."""
-        of_point, of_miss = share[self.points.pixel], share[self.miss.pixel]
-        on, lost = of_point > 0, of_miss > 0
-        throughput, miss_share = self.throughput[on] * of_point[on, None], self.miss_share[lost] * of_miss[lost]
-        parts = (self.points.take(on), throughput.astype(np.float32), self.mirrors[on], self.is_mirrored[on])
-        return _Followed(*parts, self.miss.take(lost), miss_share.astype(np.float32), self.num_rays)
 
 
 def _follow(
@@ -152,62 +145,27 @@ def _joined(*parts: ShadingPoints) -> ShadingPoints:
     return ShadingPoints(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(ShadingPoints)})
 
 
-def _both(one: _Followed, other: _Followed, num_rays: int) -> _Followed:
-    values = ("throughput", "mirrors", "is_mirrored", "miss_share")
-    joined = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in values}
-    points, miss = _joined(one.points, other.points), _joined(one.miss, other.miss)
-    return _Followed(points=points, miss=miss, num_rays=num_rays, **joined)
-
-
-def _picture(model: RelightModel, camera: Camera, followed: _Followed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Label, depth and normal of each pixel."""
+def _outlines(model: RelightModel, camera: Camera, followed: _Followed) -> Bool[np.ndarray, " pixel"]:
+    """Pixels next to one that shows another surface, another side of a crease, or something far behind."""
+    shape = (camera.height, camera.width)
     points = followed.points
     label = np.full(camera.num_pixels, -1, np.int32)
-    label[points.pixel] = _labels(model, followed)
+    label[points.pixel] = model.surfaces.surface_of_face[points.face] * 2 + followed.is_mirrored
     label[followed.miss.pixel] = -2
     depth = np.zeros(camera.num_pixels, np.float32)
     depth[points.pixel] = points.depth
     normal = np.zeros((camera.num_pixels, 3), np.float32)
     normal[points.pixel] = points.normal
-    return label, depth, normal
-
-
-def _labels(model: RelightModel, followed: _Followed) -> Int32[np.ndarray, " point"]:
-    """What a point is of, and whether it is in a mirror."""
-    return model.surfaces.surface_of_face[followed.points.face] * 2 + followed.is_mirrored
-
-
-def _outlines(model: RelightModel, camera: Camera, followed: _Followed) -> UInt8[np.ndarray, " pixel"]:
-    """On which sides of each pixel (outlines.RIGHT and on) the next one shows another surface, another side of a crease, or
-    something far behind.
-    """
-    shape = (camera.height, camera.width)
-    label, depth, normal = _picture(model, camera, followed)
     label, depth, normal = label.reshape(shape), depth.reshape(shape), normal.reshape(*shape, 3)
-    sides = np.zeros(shape, np.uint8)
-    for axis, before, behind in ((0, BELOW, ABOVE), (1, RIGHT, LEFT)):
+    edge = np.zeros(shape, bool)
+    for axis in (0, 1):
         here = tuple(slice(None, -1) if a == axis else slice(None) for a in (0, 1))
         ahead = tuple(slice(1, None) if a == axis else slice(None) for a in (0, 1))
         differs = label[here] != label[ahead]
         differs |= is_break(depth[here], depth[ahead], normal[here], normal[ahead]) & (label[here] >= 0)
-        sides[here] |= np.where(differs, before, 0).astype(np.uint8)
-        sides[ahead] |= np.where(differs, behind, 0).astype(np.uint8)
-    return sides.ravel()
-
-
-def _shows_several(
-    model: RelightModel, camera: Camera, centres: _Followed, cut: Cut, parts: _Followed
-) -> Bool[np.ndarray, " pixel"]:
-    """Which pixels that were looked at again show something else than at their middle: the others stay in one piece."""
-    label, depth, normal = _picture(model, camera, centres)
-    points, pixel = parts.points, parts.points.pixel
-    differs = is_break(depth[pixel], points.depth, normal[pixel], points.normal) | (
-        label[pixel] != _labels(model, parts)
-    )
-    num_parts = np.bincount(cut.points.pixel, minlength=camera.num_pixels)
-    is_several = ~cut.is_full | (np.bincount(pixel, minlength=camera.num_pixels) < num_parts)
-    is_several[pixel[differs]] = True
-    return is_several & ((num_parts > 0) | (cut.middle > 0))
+        edge[here] |= differs
+        edge[ahead] |= differs
+    return edge.ravel()
 
 
 def _steps(camera: Camera, points: ShadingPoints, turn: np.ndarray) -> Float32[np.ndarray, "point 2 3"]:

@@ -8,17 +8,17 @@ that frames read, so that nothing is sorted or packed afterwards.
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int32
 
 from relight3d import views
 from relight3d.camera import Camera
-from relight3d.outlines import grid_places, places_beyond
 from relight3d.packets import NUM_HIT_ROWS, WIDTH, empty_packet
 from relight3d.records import RelightModel
 from relight3d.relight import look_kernels, outline_kernels, view_kernels
 from relight3d.relight.captured import captured_of
 from relight3d.relight.lazy_view import LazyView, Looked
 from relight3d.relight.tiles import tiles
-from relight3d.relight.view_arrays import BLOCK, Cuts, Listed, Mesh, Packed, Picture, Rays
+from relight3d.relight.view_arrays import BLOCK, Listed, Mesh, Packed, Picture, Rays
 from relight3d.shading import NUDGE_PX
 from relight3d.tracing import RayScene, over_threads
 from relight3d.views import ViewOptions
@@ -28,7 +28,8 @@ class _Tile(NamedTuple):
     """Seats that one thread sees to, and what it found there."""
 
     seats: slice
-    cuts: Cuts
+    cut: Int32[np.ndarray, " cut"]  # seats of pixels on outlines
+    ray_of_cut: Int32[np.ndarray, " cut"]  # where the rays begin that share such a pixel
     counts: tuple[int, int, int]  # points, pixels with points, rays lost to the surroundings
     num_rays: int
 
@@ -75,10 +76,8 @@ class _Looker:
         drawn = num if options.edge_samples > 1 else 0
         self._picture = Picture(
             np.empty(num, np.int32), np.empty(drawn, np.float32), np.empty((3, drawn), np.float32),
-            np.empty(num, bool), np.empty(drawn, np.uint8),
+            np.empty(num, bool), np.empty(drawn, bool),
         )  # fmt: skip
-        self._places = grid_places(options.edge_samples)
-        self._is_beyond = places_beyond(options.edge_samples)
 
     def view(self) -> LazyView:
         reflected = over_threads(self._look, self._tiles)
@@ -98,7 +97,7 @@ class _Looker:
         """Looks through the middle of each pixel. Returns how many rays were reflected."""
         ends, shift = (seats.start, seats.stop), (0.5 + NUDGE_PX[0], 0.5 + NUDGE_PX[1])
         if self._has_lens:
-            self._bend(self._pixels(np.arange(*ends)) + shift, seats.start)
+            self._bend(np.arange(*ends, dtype=np.int32), shift[0], shift[1], seats.start)
         rays = (self._corner, self._right, self._down, *shift, self._has_lens, self._rays)
         look_kernels.seat_rays(*ends, *self._size, *rays)
         num = self._trace(*ends)
@@ -106,15 +105,14 @@ class _Looker:
         outline_kernels.draw(*ends, *self._size, with_outlines, self._rays, self._picture)
         return num
 
-    def _pixels(self, seats: np.ndarray) -> np.ndarray:
-        """Column and row of each."""
+    def _bend(self, seats: np.ndarray, shift_x, shift_y, begin: int) -> None:
+        """Directions through a lens, for several places of each pixel."""
+        camera = self.camera
         block, lane = np.divmod(seats, WIDTH)
-        row, column = np.divmod(block, -(-self.camera.width // BLOCK))
-        return np.stack([BLOCK * column + lane % BLOCK, BLOCK * row + lane // BLOCK], axis=1)
-
-    def _bend(self, places: np.ndarray, begin: int) -> None:
-        """Directions through the lens and some places of the picture, for the rays from `begin` on."""
-        self._rays.toward[:, begin : begin + len(places)] = self.camera.directions(places).T
+        row, column = np.divmod(block, -(-camera.width // BLOCK))
+        x, y = BLOCK * column + lane % BLOCK, BLOCK * row + lane // BLOCK
+        places = np.stack([x[:, None] + shift_x, y[:, None] + shift_y], axis=-1).reshape(-1, 2)
+        self._rays.toward[:, begin : begin + len(places)] = camera.directions(places).T
 
     def _trace(self, first: int, last: int) -> int:
         packets = self.scene.packets
@@ -128,32 +126,36 @@ class _Looker:
         look_kernels.write_normals(first, last, self._mesh, self._rays)
         return num_reflected
 
+    def _outline(self, seats: slice) -> Int32[np.ndarray, " cut"]:
+        """The seats of pixels on outlines."""
+        if self.options.edge_samples == 1:
+            return np.empty(0, np.int32)
+        picture, cut = self._picture, np.empty(seats.stop - seats.start, np.int32)
+        seats_of_row = -(-self.camera.width // BLOCK) * BLOCK
+        rows = (seats.start // seats_of_row, min(seats.stop // seats_of_row, self.camera.height))
+        outline_kernels.find_edges(*rows, *self._size, picture, np.empty(self.camera.width, bool))
+        given = (seats.start, seats.stop, *self._size, picture.is_edge, self._rays.face)
+        return cut[: outline_kernels.cut_seats(*given, cut)]
+
     def _look_again(self, seats: slice) -> _Tile:
         """Looks through several places of the pixels on outlines."""
-        samples, num = self.options.edge_samples, 0
-        cuts = Cuts(*np.empty((3, seats.stop - seats.start if samples > 1 else 0), np.int32))
-        if samples > 1:
-            sides, width = self._picture.sides, self.camera.width
-            seats_of_row = -(-width // BLOCK) * BLOCK
-            rows = (seats.start // seats_of_row, min(seats.stop // seats_of_row, self.camera.height))
-            outline_kernels.find_sides(*rows, *self._size, self._picture, np.empty(width, bool))
-            # Every seat has room of its own; what is not used never becomes memory.
-            begin = self._num_seats + samples * seats.start
-            given = (sides, self._rays.face, self._is_beyond.sum(axis=1), begin)
-            count, end = outline_kernels.cut_seats(seats.start, seats.stop, *self._size, *given, cuts)
-            cuts, num = Cuts(*(part[:count] for part in cuts)), end - begin
+        cut, samples, num = self._outline(seats), self.options.edge_samples, 0
+        # Every seat has room of its own; what is not used never becomes memory.
+        begin, ray_of_cut = self._num_seats + samples * seats.start, np.empty(len(cut), np.int32)
+        if len(cut):
+            side = round(samples**0.5)
+            y, x = (np.mgrid[0:side, 0:side].reshape(2, -1) + 0.5) / side
+            x, y = x + NUDGE_PX[0], y + NUDGE_PX[1]
             if self._has_lens:
-                pixels = self._pixels(cuts.seat)
-                which, sample = np.nonzero(self._is_beyond[sides[pixels[:, 1] * width + pixels[:, 0]]])
-                self._bend(pixels[which] + self._places[sample] + NUDGE_PX, begin)
-            x, y = self._places[:, 0] + NUDGE_PX[0], self._places[:, 1] + NUDGE_PX[1]
-            rays = (self._corner, self._right, self._down, x, y, self._is_beyond, self._has_lens, self._rays)
-            look_kernels.cut_rays(cuts, sides, width, *rays)
-            num += self._trace(begin, end)
-            left = outline_kernels.keep_several(samples, self._rays, cuts)
-            cuts = Cuts(*(part[:left] for part in cuts))
-        counts = outline_kernels.count_points(seats.start, seats.stop, samples, self._rays.face, cuts)
-        return _Tile(seats, cuts, counts, num)
+                self._bend(cut, x, y, begin)
+            rays = (self._corner, self._right, self._down, x, y, self._has_lens, begin, self._rays)
+            look_kernels.cut_rays(cut, self.camera.width, *rays)
+            num = len(cut) * samples
+            num += self._trace(begin, begin + num)
+            left = outline_kernels.keep_met(samples, begin, self._rays.face, cut, ray_of_cut)
+            cut, ray_of_cut = cut[:left], ray_of_cut[:left]
+        counts = outline_kernels.count_points(seats.start, seats.stop, self._rays.face, cut, ray_of_cut, samples)
+        return _Tile(seats, cut, ray_of_cut, counts, num)
 
     # ------------------------------------------------------------------------------------- points
 
@@ -171,9 +173,10 @@ class _Looker:
         return listed, firsts
 
     def _list(self, tile: _Tile, first: np.ndarray, listed: Listed) -> None:
-        how = (self.options.edge_samples, self.model.outlines_end == "black", self._rays.face, tile.cuts)
+        given = (tile.seats.start, tile.seats.stop, *self._size, self._rays.face)
         begins = (int(first[0]), int(first[1]), int(first[2]))
-        outline_kernels.list_points(tile.seats.start, tile.seats.stop, *self._size, *how, *begins, listed)
+        into = (self.options.edge_samples, self.model.outlines_end == "black")
+        outline_kernels.list_points(*given, tile.cut, tile.ray_of_cut, *into, *begins, listed)
 
     def _pack(self, looked: list[_Tile], firsts: np.ndarray, listed: Listed) -> Packed:
         """What frames read of the points."""

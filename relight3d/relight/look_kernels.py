@@ -55,18 +55,16 @@ def seat_rays(first, last, width, height, corner, right, down, shift_x, shift_y,
 
 
 @compiled
-def cut_rays(cuts, sides, width, corner, right, down, shift_x, shift_y, is_beyond, is_given, rays):
-    """As seat_rays, through those places of cut pixels that are beyond their sides (outlines.places_beyond)."""
-    blocks_wide = -(-width // BLOCK)
-    for k in range(len(cuts.seat)):
-        block, lane, ray = cuts.seat[k] // WIDTH, cuts.seat[k] % WIDTH, cuts.ray[k]
+def cut_rays(seats, width, corner, right, down, shift_x, shift_y, is_given, begin, rays):
+    """As seat_rays, through several places of each pixel; the rays stand from `begin` on, pixel by pixel."""
+    blocks_wide, ray = -(-width // BLOCK), begin
+    for seat in seats:
+        block, lane = seat // WIDTH, seat % WIDTH
         left, top = block % blocks_wide * BLOCK + lane % BLOCK, block // blocks_wide * BLOCK + lane // BLOCK
-        for sample in range(len(shift_x)):
-            if not is_beyond[sides[top * width + left], sample]:
-                continue
+        for k in range(len(shift_x)):
             rays.face[ray] = ASKED
             if not is_given:
-                x, y = left + shift_x[sample], top + shift_y[sample]
+                x, y = left + shift_x[k], top + shift_y[k]
                 dx = corner[0] + x * right[0] + y * down[0]
                 dy = corner[1] + x * right[1] + y * down[1]
                 dz = corner[2] + x * right[2] + y * down[2]

@@ -1,17 +1,15 @@
 """The compiled loops between rays and points: the outlines in a picture, and which ray makes which point.
 
-All but `find_sides` walk the picture seat by seat (view_arrays.py), so that neighbours stay together.
+All but `find_edges` walk the picture seat by seat (view_arrays.py), so that neighbours stay together.
 """
 
 import numpy as np
 
-from relight3d.outlines import ABOVE, BELOW, LEFT, RIGHT
 from relight3d.packets import WIDTH
 from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
 from relight3d.relight.view_arrays import BLOCK, NOTHING, SURROUNDINGS
 
 ONE_ON = np.uintp(1)  # unsigned: an index that could be negative is asked about at every access
-TO_RIGHT, TO_LEFT, TO_BELOW, TO_ABOVE = np.uint8(RIGHT), np.uint8(LEFT), np.uint8(BELOW), np.uint8(ABOVE)
 FAR_BEHIND, ALIKE = np.float32(0.06), np.float32(0.85)  # as outlines.is_break
 
 
@@ -58,156 +56,126 @@ def _breaks(here, there, num, picture, out):
 
 
 @inlined
-def _join(breaks, side, sides):
-    for i in range(len(sides)):
-        sides[i] |= side if breaks[i] else np.uint8(0)
+def _join(breaks, edge):
+    for i in range(len(edge)):
+        edge[i] |= breaks[i]
 
 
 @compiled
-def find_sides(first, last, width, height, picture, breaks):
-    """On which sides the pixels of rows first..last end in something else, as views._outlines.
+def find_edges(first, last, width, height, picture, breaks):
+    """Marks the pixels of rows first..last next to one that shows something else, as views._outlines.
 
     `breaks`: scratch for a row.
     """
-    sides = picture.sides
-    sides[first * width : last * width] = 0
+    edge = picture.is_edge
+    edge[first * width : last * width] = False
     for y in range(max(first - 1, 0), last):
         begin, end = y * width, (y + 1) * width
         if y + 1 < height:
             _breaks(begin, end, width, picture, breaks)
             if y >= first:
-                _join(breaks, TO_BELOW, sides[begin:end])
+                _join(breaks, edge[begin:end])
             if y + 1 < last:
-                _join(breaks, TO_ABOVE, sides[end : end + width])
+                _join(breaks, edge[end : end + width])
         if y >= first:
             _breaks(begin, begin + 1, width - 1, picture, breaks)
-            _join(breaks, TO_RIGHT, sides[begin : end - 1])
-            _join(breaks, TO_LEFT, sides[begin + 1 : end])
+            _join(breaks, edge[begin : end - 1])
+            _join(breaks, edge[begin + 1 : end])
 
 
 @compiled
-def cut_seats(first, last, width, height, sides, face, num_of_sides, begin_ray, cuts):
-    """Lists those of the seats first..last that see the mesh and stand on an outline. Returns how many, and their rays' end.
-
-    Each has as many rays as its sides call for, from `begin_ray` on.
-    """
-    blocks_wide, count, ray = -(-width // BLOCK), 0, begin_ray
+def cut_seats(first, last, width, height, is_edge, face, seats):
+    """Which of the seats first..last see the mesh and stand on an outline, in `seats`. Returns how many."""
+    blocks_wide, count = -(-width // BLOCK), 0
     for begin in range(first, last, WIDTH):
         left, top = begin // WIDTH % blocks_wide * BLOCK, begin // WIDTH // blocks_wide * BLOCK
         for row in range(min(BLOCK, height - top)):
             seat, p = begin + BLOCK * row, (top + row) * width + left
             for k in range(min(BLOCK, width - left)):
-                if sides[p + k] > 0 and face[seat + k] != NOTHING:
-                    cuts.seat[count], cuts.ray[count] = seat + k, ray
-                    cuts.num[count] = num_of_sides[sides[p + k]]
-                    ray += cuts.num[count]
+                if is_edge[p + k] and face[seat + k] != NOTHING:
+                    seats[count] = seat + k
                     count += 1
-    return count, ray
-
-
-@inlined
-def _differs(ray, seat, rays):
-    """Whether a ray shows something else than the one through its pixel's middle."""
-    if rays.face[ray] < 0 or rays.label[ray] != rays.label[seat]:
-        return True
-    depth, middle, alike = rays.depth[ray], rays.depth[seat], ZERO
-    for axis in range(3):
-        alike += rays.normal[axis, ray] * rays.normal[axis, seat]
-    return (abs(depth - middle) > FAR_BEHIND * max(depth, middle)) | (alike < ALIKE)
+    return count
 
 
 @compiled
-def keep_several(num_each, rays, cuts):
-    """Of the cuts keeps those with a ray that shows something else than the pixel's middle, as views._shows_several.
+def keep_met(num_each, begin, face, cut, ray_of_cut):
+    """Of the seats in `cut` keeps those with a ray that meets the mesh; the others are left as their middle shows them.
 
-    Returns how many are left.
+    Each has `num_each` rays, from `begin` on; writes where those of the seats that are left begin. Returns how many are.
     """
     count = 0
-    for k in range(len(cuts.seat)):
-        seat, first, num = cuts.seat[k], cuts.ray[k], cuts.num[k]
-        is_several, is_met = False, num < num_each
-        for ray in range(first, first + num):
-            is_met |= rays.face[ray] != NOTHING
-            is_several |= _differs(ray, seat, rays)
-        if is_several and is_met:
-            cuts.seat[count], cuts.ray[count], cuts.num[count] = seat, first, num
+    for k in range(len(cut)):
+        first, is_met = begin + k * num_each, False
+        for ray in range(first, first + num_each):
+            is_met |= face[ray] != NOTHING
+        if is_met:
+            cut[count], ray_of_cut[count] = cut[k], first
             count += 1
     return count
 
 
 @inlined
-def _ends(k, num_each, face, cuts):
-    """Of the samples of a cut, how many met something; of its points and lost rays, how many there are."""
-    begin, num = cuts.ray[k], cuts.num[k]
-    met, found, lost = num_each - num, 0, 0
+def _ends(face, begin, num):
+    """How many of `num` rays met something, how many ended in a face, and how many in the surroundings."""
+    met, found, lost = 0, 0, 0
     for ray in range(begin, begin + num):
         met += face[ray] != NOTHING
         found += face[ray] >= 0
         lost += face[ray] == SURROUNDINGS
-    if num < num_each:
-        found += face[cuts.seat[k]] >= 0
-        lost += face[cuts.seat[k]] == SURROUNDINGS
     return met, found, lost
 
 
 @compiled
-def count_points(first, last, num_each, face, cuts):
+def count_points(first, last, face, cut, ray_of_cut, num_each):
     """How many points, pixels with points, and rays lost to the surroundings seats first..last have; as list_points."""
     num_points, num_ranks, num_lost = 0, 0, 0
     for seat in range(first, last):
         num_points += face[seat] >= 0
         num_lost += face[seat] == SURROUNDINGS
     num_ranks = num_points
-    for k in range(len(cuts.seat)):
-        _, found, lost = _ends(k, num_each, face, cuts)
-        was_point = face[cuts.seat[k]] >= 0
+    for k in range(len(cut)):
+        _, found, lost = _ends(face, ray_of_cut[k], num_each)
+        was_point = face[cut[k]] >= 0
         num_points += found - was_point
         num_ranks += (found > 0) - was_point
-        num_lost += lost - (face[cuts.seat[k]] == SURROUNDINGS)
+        num_lost += lost - (face[cut[k]] == SURROUNDINGS)
     return num_points, num_ranks, num_lost
 
 
-@inlined
-def _list(end, pixel, part, rank_part, face, p, lost, listed):
-    """Writes down where a ray ended. Returns the next point's and lost ray's place."""
-    if face[np.uintp(end)] >= 0:
-        point = np.uintp(p)
-        listed.ray[point], listed.part[point], listed.rank_part[point] = end, part, rank_part
-        return p + 1, lost
-    if face[end] == SURROUNDINGS:
-        listed.lost[lost], listed.lost_pixel[lost], listed.lost_part[lost] = end, pixel, part
-        return p, lost + 1
-    return p, lost
-
-
 @compiled
-def list_points(first, last, width, height, num_each, ends_in_black, face, cuts, p, rank, lost, listed):
+def list_points(
+    first, last, width, height, face, cut, ray_of_cut, num_each, ends_in_black, p, rank, lost, listed
+):  # fmt: skip
     """The points of seats first..last, written from point `p`, `rank` and `lost` ray on.
 
-    Those that meet the mesh of a cut pixel's samples share it, or with `ends_in_black` have their part of it.
+    Seats listed in `cut` have `num_each` rays in place of one, from `ray_of_cut` on. Those that meet the mesh share the
+    pixel, or with `ends_in_black` have their part of it.
     """
     blocks_wide, k = -(-width // BLOCK), 0
-    next_cut = cuts.seat[0] if len(cuts.seat) else last
+    next_cut = cut[0] if len(cut) else last
     for begin_block in range(first, last, WIDTH):
         left, top = begin_block // WIDTH % blocks_wide * BLOCK, begin_block // WIDTH // blocks_wide * BLOCK
         for row in range(min(BLOCK, height - top)):
             for column in range(min(BLOCK, width - left)):
                 seat, pixel = begin_block + BLOCK * row + column, np.uintp((top + row) * width + left + column)
-                before, is_whole = p, seat != next_cut
-                if is_whole:
-                    p, lost = _list(seat, pixel, ONE, ONE, face, p, lost, listed)
-                else:
-                    met, found, _ = _ends(k, num_each, face, cuts)
+                ray, num, part, rank_part, before = seat, 1, ONE, ONE, p
+                if seat == next_cut:
+                    ray, num = ray_of_cut[k], num_each
+                    met, found, _ = _ends(face, ray, num)
                     part = ONE / np.float32(num_each if ends_in_black else met)
                     rank_part = ONE / np.float32(max(found, 1))
-                    for ray in range(cuts.ray[k], cuts.ray[k] + cuts.num[k]):
-                        p, lost = _list(ray, pixel, part, rank_part, face, p, lost, listed)
-                    if cuts.num[k] < num_each:
-                        part *= np.float32(num_each - cuts.num[k])
-                        p, lost = _list(seat, pixel, part, rank_part, face, p, lost, listed)
                     k += 1
-                    next_cut = cuts.seat[k] if k < len(cuts.seat) else last
-                listed.point_of_pixel[pixel] = before if is_whole and p > before else -1
+                    next_cut = cut[k] if k < len(cut) else last
+                for end in range(ray, ray + num):
+                    if face[np.uintp(end)] >= 0:
+                        point = np.uintp(p)
+                        listed.ray[point], listed.part[point], listed.rank_part[point] = end, part, rank_part
+                        p += 1
+                    elif face[end] == SURROUNDINGS:
+                        listed.lost[lost], listed.lost_pixel[lost], listed.lost_part[lost] = end, pixel, part
+                        lost += 1
+                listed.point_of_pixel[pixel] = before if num == 1 and p > before else -1
                 if p > before:
                     listed.start[np.uintp(rank)], listed.pixel_of_rank[np.uintp(rank)] = before, pixel
                     rank += 1

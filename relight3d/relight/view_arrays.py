@@ -7,7 +7,7 @@ sixteen seats are a packet of rays. A rank is a pixel's place among those that h
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, UInt8
+from jaxtyping import Bool, Float32, Float64, Int32
 
 NOTHING, SURROUNDINGS, AMONG_MIRRORS = -1, -2, -3  # in place of a face: how a ray ended that met none
 ASKED = 0  # in place of the face of a ray that is to be traced
@@ -48,18 +48,7 @@ class Picture(NamedTuple):
     depth: Float32[np.ndarray, " pixel"]
     normal: Float32[np.ndarray, "3 pixel"]
     is_hit: Bool[np.ndarray, " pixel"]
-    sides: UInt8[np.ndarray, " pixel"]  # on which the next pixel shows something else: outlines.RIGHT and on
-
-
-class Cuts(NamedTuple):
-    """Pixels that show several things: the rays through places of theirs stand together, and stand for as many samples.
-
-    What remains of a pixel's samples shows what its middle does.
-    """
-
-    seat: Int32[np.ndarray, " cut"]
-    ray: Int32[np.ndarray, " cut"]  # the first one's
-    num: Int32[np.ndarray, " cut"]
+    is_edge: Bool[np.ndarray, " pixel"]
 
 
 class Listed(NamedTuple):
