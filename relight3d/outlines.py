@@ -8,11 +8,13 @@ from relight3d.records import RelightModel, ShadingPoints
 from relight3d.shading import NUDGE_PX, points_along
 from relight3d.tracing import RayScene
 
+CREASE_COSINE, FAR_BEHIND = 0.85, 0.06  # between normals; of the farther one's depth
+
 
 def is_break(depth: np.ndarray, other_depth: np.ndarray, normal: np.ndarray, other_normal: np.ndarray) -> np.ndarray:
     """Whether two spots are on different sides of a crease, or one far behind the other."""
-    crease = np.einsum("...i,...i->...", normal, other_normal) < 0.85
-    return crease | (np.abs(depth - other_depth) > 0.06 * np.maximum(depth, other_depth))
+    crease = np.einsum("...i,...i->...", normal, other_normal) < CREASE_COSINE
+    return crease | (np.abs(depth - other_depth) > FAR_BEHIND * np.maximum(depth, other_depth))
 
 
 def cut_pixels(

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from relight3d.relight.kernels import ONE, ZERO, inlined
+from relight3d.relight.kernels import ONE, ONE_ON, ZERO, inlined
 from relight3d.relight.view_arrays import (
     ALBEDO_B,
     ALBEDO_G,
@@ -42,7 +42,6 @@ NEAR_RAD, FAR_RAD = math.radians(8), math.radians(30)  # a residual fades betwee
 NEAR, FAR = np.float32(math.cos(NEAR_RAD)), np.float32(math.cos(FAR_RAD))
 PER_FADE, UNSURE = np.float32(1 / (NEAR - FAR)), np.float32(-1)
 ALIKE = np.float32(0.7)  # cosine between the normals of one spot
-ONE_ON = np.uintp(1)
 OUTSIDE = 1.5  # pixels: so far left of the picture, or above, stands what is not in it
 
 

@@ -32,6 +32,7 @@ fused_inlined = numba.njit(**SETTINGS, fastmath={"contract"}, forceinline=True) 
 KIND, PLACE, COLOR, AXIS, CONE_COSINE, CONE_SCALE, CONE_POWER, HAS_RESIDUAL = 0, 1, 4, 7, 10, 11, 12, 13
 ROW = 14
 AT_INFINITY = 0.0
+ONE_ON = np.uintp(1)  # unsigned: an index that could be negative is asked about at every access
 ONE, ZERO, TINY, SMALL = np.float32(1), np.float32(0), np.float32(1.1754944e-38), np.float32(1.0842022e-19)
 
 

@@ -5,12 +5,12 @@ All but `find_edges` walk the picture seat by seat (view_arrays.py), so that nei
 
 import numpy as np
 
+from relight3d.outlines import CREASE_COSINE, FAR_BEHIND
 from relight3d.packets import WIDTH
-from relight3d.relight.kernels import ONE, ZERO, compiled, inlined
+from relight3d.relight.kernels import ONE, ONE_ON, ZERO, compiled, inlined
 from relight3d.relight.view_arrays import BLOCK, NOTHING, SURROUNDINGS
 
-ONE_ON = np.uintp(1)  # unsigned: an index that could be negative is asked about at every access
-FAR_BEHIND, ALIKE = np.float32(0.06), np.float32(0.85)  # as outlines.is_break
+CREASE, FAR = np.float32(CREASE_COSINE), np.float32(FAR_BEHIND)
 
 
 @inlined
@@ -46,13 +46,13 @@ def _breaks(here, there, num, picture, out):
     label, other = picture.label[here : here + num], picture.label[there : there + num]
     near, far = picture.depth[here : here + num], picture.depth[there : there + num]
     for i in range(num):
-        apart = abs(near[i] - far[i]) > FAR_BEHIND * max(near[i], far[i])
+        apart = abs(near[i] - far[i]) > FAR * max(near[i], far[i])
         out[i] = (label[i] != other[i]) | apart
     nx, ny, nz = (picture.normal[0, here:], picture.normal[1, here:], picture.normal[2, here:])
     mx, my, mz = (picture.normal[0, there:], picture.normal[1, there:], picture.normal[2, there:])
     for i in range(num):
         alike = nx[i] * mx[i] + ny[i] * my[i] + nz[i] * mz[i]
-        out[i] |= (alike < ALIKE) & (label[i] >= 0)
+        out[i] |= (alike < CREASE) & (label[i] >= 0)
 
 
 @inlined
