@@ -10,7 +10,8 @@ albedo, weighted.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+import scipy.sparse as sp
+from jaxtyping import Bool, Float32, Float64, Int32
 
 from relight3d.camera import Camera
 from relight3d.errors import InputError
@@ -18,6 +19,8 @@ from relight3d.maths.least_squares import Solution, Status, robust_scale
 from relight3d.records import Observations, ShadingPoints
 
 TELLING = 0.02  # of the largest error: a photograph with so much says something of a gain
+UNLIKE = 1.5  # times the surface's albedo: where light falls freely, indirect light is no such part of it
+BLOCK_PX = 4  # pixels along a side that are summed: noise of single ones would pass for paint
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,64 @@ def _difference(common: np.ndarray, albedo: np.ndarray, options: TextureOptions)
     low, middle, high = np.quantile(gray, (0.16, 0.5, 0.84))
     spread = (high - low) / 2 / max(middle, 1e-9)
     return Difference(float((common > options.min_difference).mean()), float(np.quantile(common, 0.98)), float(spread))
+
+
+def unlike_share(
+    observed: Observations,
+    points: ShadingPoints,
+    surface: Int32[np.ndarray, " point"],
+    is_matte: Bool[np.ndarray, " point"],
+    direct: Float32[np.ndarray, "photo point color"],
+    camera: Camera,
+    num_surfaces: int,
+) -> Float64[np.ndarray, " surface"]:
+    """The share of each surface that sends back UNLIKE times its median, or that part of it, in some colour.
+
+    Two paints on a wall differ so at few of its pixels' borders. Blocks of pixels are compared by their lowest radiance
+    for the direct light, of the photographs that light them well: indirect light adds least there. 0 for a surface of
+    fewer than 20 blocks.
+    """
+    good = observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
+    good &= observed.is_interior & is_matte
+    row, column = np.divmod(points.pixel.astype(np.int64), camera.width)
+    place = (row // BLOCK_PX * camera.width + column // BLOCK_PX) * num_surfaces + surface
+    keys, block, size = np.unique(place, return_inverse=True, return_counts=True)
+    gather = sp.csr_matrix((np.ones(len(place)), (block.ravel(), np.arange(len(place)))), shape=(len(keys), len(place)))
+    ratio, light = np.full((2, len(good), len(keys), 3), np.nan)
+    for photo, counts in enumerate(good):
+        got = gather @ (counts[:, None] * np.broadcast_to(direct[photo], observed.radiance[photo].shape))
+        sent = gather @ (counts[:, None] * np.maximum(observed.radiance[photo], 0.0))
+        light[photo] = got / size[:, None]
+        ratio[photo] = np.where(gather @ counts[:, None] > size[:, None] / 2, sent / np.maximum(got, 1e-30), np.nan)
+    is_bright = np.isfinite(ratio) & (light > 0.4 * light.max(axis=0))
+    ratio = np.where(is_bright, ratio, np.inf)
+    lowest = np.log(np.maximum(ratio.min(axis=0), 1e-30))
+    told = np.isfinite(lowest).all(axis=1) & (is_bright.sum(axis=0) >= 2).all(axis=1)
+    normal = gather @ points.normal
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    owner, place = keys % num_surfaces, keys // num_surfaces
+    share = np.zeros(num_surfaces)
+    for s in range(num_surfaces):
+        mine = np.flatnonzero(told & (owner == s))
+        if len(mine) < 20:
+            continue
+        away = lowest[mine] - np.median(lowest[mine], axis=0)
+        is_unlike = np.abs(away).max(axis=1) > np.log(UNLIKE)
+        # A lobe, or light from close by, makes a slope of it; a paint has an edge.
+        pairs = np.concatenate([_followers(place[mine], 2), _followers(place[mine], 2 * camera.width)])
+        one, other = pairs[is_unlike[pairs[:, 0]] != is_unlike[pairs[:, 1]]].T
+        flat = np.einsum("pi,pi->p", normal[mine[one]], normal[mine[other]]) > 0.99
+        step = np.abs(away[one] - away[other]).max(axis=1)[flat]
+        if len(step) >= 16 and np.median(step) > 0.6 * np.log(UNLIKE):
+            share[s] = is_unlike.mean()
+    return share
+
+
+def _followers(place: np.ndarray, step: int) -> np.ndarray:
+    """Pairs of indices whose sorted places lie a step apart."""
+    found = np.minimum(np.searchsorted(place, place + step), len(place) - 1)
+    one = np.flatnonzero(place[found] == place + step)
+    return np.stack([one, found[one]], axis=1)
 
 
 def left_out_gain(

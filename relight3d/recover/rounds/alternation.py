@@ -12,7 +12,7 @@ from relight3d.records import Mirror, Observations
 from relight3d.recover import bounce, diffuse, indirect, sites, texture
 from relight3d.recover.rounds.light import calm_radiance, direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
-from relight3d.recover.rounds.texturing import judge_texture, neighbours_differ, surface_medians
+from relight3d.recover.rounds.texturing import judge_texture, looks_textured, surface_medians
 
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
 FEW_PHOTOGRAPHS = 4  # with fewer, left-out ones may say that the indirect light's fit is worse than none
@@ -70,7 +70,7 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     # The weights trust an outline little, so that it decides nothing; its own albedo it may have all the same.
     of_its_own, information = information / edge_trust(observed), information * edge_trust(observed)
     if is_first:
-        fitted = replace(fitted, is_textured=neighbours_differ(stage, observed, albedo, num))
+        fitted = replace(fitted, is_textured=looks_textured(stage, observed, direct, albedo, num))
     if judges_texture:
         mean = surface_medians(albedo, information, stage.surface, num)
         fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)

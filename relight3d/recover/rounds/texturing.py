@@ -11,6 +11,7 @@ from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
 OUTSHONE = 0.25  # of the rest: where a lobe shines more, a photograph says nothing of the texture
 
+
 def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.ndarray, num: int) -> np.ndarray:
     """The median albedo of each surface by what its points have to say.
 
@@ -27,11 +28,16 @@ def surface_medians(albedo: np.ndarray, information: np.ndarray, surface: np.nda
     return np.where(is_known, out, others)
 
 
-def neighbours_differ(stage: Stage, observed: Observations, albedo: np.ndarray, num: int) -> np.ndarray:
-    """A first look at texture, before any indirect light is known: by neighbours alone, which share theirs."""
+def looks_textured(
+    stage: Stage, observed: Observations, direct: np.ndarray, albedo: np.ndarray, num: int
+) -> np.ndarray:
+    """A first look at texture, before any indirect light is known: by neighbours, which share theirs, and by paints too
+    unlike for it.
+    """
     options = stage.options.texture
     measured = texture.difference_measure(observed, stage.points, stage.surface, albedo, stage.camera, num, options)
-    return np.array([replace(m, spread=0.0).is_textured(options) for m in measured])
+    unlike = texture.unlike_share(observed, stage.points, stage.surface, stage.is_matte, direct, stage.camera, num)
+    return np.array([replace(m, spread=0.0).is_textured(options) for m in measured]) | (unlike >= options.min_share)
 
 
 def judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted: Fitted) -> Fitted:
