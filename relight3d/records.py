@@ -402,7 +402,17 @@ class RelightModel:
     settings: Mapping[str, object] = field(default_factory=dict)
     prices: tuple[Price, ...] = ()  # settings of the frames, the exact one first
     outlines_end: Literal["black", "object"] = "object"  # what a pixel shows beside the mesh: nothing, or more of it
+    vertex_albedo: Float32[np.ndarray, "vertex 3"] | None = None  # what holds where no captured pixel knows
     seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
+
+    @property
+    def albedo_unseen(self) -> Float32[np.ndarray, "vertex 3"]:
+        """The albedo of each vertex where no captured pixel knows it: its surface's, unless the model says more."""
+        if self.vertex_albedo is not None:
+            return self.vertex_albedo
+        out = np.zeros((len(self.mesh.vertices), 3), np.float32)
+        out[self.mesh.faces.ravel()] = np.repeat(self.surface_albedo[self.surfaces.surface_of_face], 3, axis=0)
+        return out
 
     def save(self, path: str | Path) -> None:
         """Write the model file (under a temporary name, then renamed)."""

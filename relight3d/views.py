@@ -1,8 +1,8 @@
 """What each pixel of a view shows: hits, mirrors followed, and the recovered properties looked up at every point.
 
 Nothing here depends on the light. The captured view reads its own pixels; another view, and every mirror, projects
-its points into the captured view and reads there, where the same spot was seen; elsewhere the surface's own mean and
-the mesh's normal stand in. A pixel on an outline, of an object or of its mirror image, is cut into several points that
+its points into the captured view and reads there, where the same spot was seen; elsewhere the vertices' albedo and the
+mesh's normal stand in. A pixel on an outline, of an object or of its mirror image, is cut into several points that
 share it, as a photograph's pixel mixes what it covers.
 """
 
@@ -211,7 +211,10 @@ def _assembled(model: RelightModel, camera: Camera, followed: _Followed, cut, is
         source[itself], share[itself] = -1, 0.0
         source[itself, 0], share[itself, 0] = index[points.pixel[itself]], 1.0
     known = np.clip(share.sum(axis=1, keepdims=True), 0.0, 1.0)
-    mean = model.surface_albedo[surface].astype(np.float32)
+    partly = np.flatnonzero(known[:, 0] < 1)
+    corners = model.mesh.faces[points.face[partly]]
+    unseen = np.zeros((len(points), 3), np.float32)
+    unseen[partly] = np.einsum("pk,pkc->pc", points.barycentric[partly], model.albedo_unseen[corners])
     tilt = read(model.pixels.normal - model.pixels.points.normal, source, share)
     normal = points.normal + tilt
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-6)
@@ -219,7 +222,7 @@ def _assembled(model: RelightModel, camera: Camera, followed: _Followed, cut, is
         camera=camera,
         points=points,
         surface=surface,
-        albedo=(read(model.pixels.albedo, source, share) + (1 - known) * mean).astype(np.float32),
+        albedo=(read(model.pixels.albedo, source, share) + (1 - known) * unseen).astype(np.float32),
         normal=normal.astype(np.float32),
         lobe_gain=(read(model.pixels.lobe_gain, source, share) + 1 - known[:, 0]).astype(np.float32),
         throughput=followed.throughput,

@@ -17,7 +17,7 @@ def captured_of(model: RelightModel) -> Captured:
     if model.pixels not in _captured:
         _captured[model.pixels] = _made(model)
     # Two models may share their pixels, but not this.
-    return _captured[model.pixels]._replace(surface_albedo=model.surface_albedo.astype(np.float32))
+    return _captured[model.pixels]._replace(vertex_albedo=model.albedo_unseen)
 
 
 def _made(model: RelightModel) -> Captured:
@@ -42,7 +42,7 @@ def _made(model: RelightModel) -> Captured:
         np.ascontiguousarray(camera.world_from_camera[:3, :3]),
         eye,
         np.array([camera.width, camera.height], np.int32),
-        model.surface_albedo.astype(np.float32),
+        model.albedo_unseen,
     )
 
 

@@ -114,8 +114,10 @@ def _noted(decisions: tuple[Decision, ...], effect: str, surface: int, is_on: bo
 def _without_texture(model: RelightModel, surface: int) -> RelightModel:
     pixels = model.pixels
     mine = (pixels.surface == surface)[:, None]
-    flat = np.where(mine, model.surface_albedo[surface].astype(np.float32), pixels.albedo)
-    return replace(model, pixels=replace(pixels, albedo=flat))
+    mean = model.surface_albedo[surface].astype(np.float32)
+    vertex = model.albedo_unseen.copy()
+    vertex[model.mesh.faces[model.surfaces.surface_of_face == surface]] = mean
+    return replace(model, pixels=replace(pixels, albedo=np.where(mine, mean, pixels.albedo)), vertex_albedo=vertex)
 
 
 def _without_detail(model: RelightModel, surface: int) -> RelightModel:

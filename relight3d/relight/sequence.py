@@ -103,7 +103,7 @@ def _digests(
     else:
         given, options, own = model, options or RelightOptions(), model.camera
     base = hashlib.sha256(repr(options).encode())
-    for array in (given.mesh.vertices, given.pixels.albedo, given.pixels.normal, given.surface_albedo):
+    for array in (given.mesh.vertices, given.pixels.albedo, given.pixels.normal, given.albedo_unseen):
         base.update(np.ascontiguousarray(array).tobytes())
     digests = []
     for each, camera in _shots(lights, cameras):

@@ -75,7 +75,7 @@ class Captured(NamedTuple):
     frame: Float64[np.ndarray, "3 3"]  # the camera's axes, in columns
     eye: Float64[np.ndarray, "3"]
     size: Int32[np.ndarray, "2"]  # width and height
-    surface_albedo: Float32[np.ndarray, "surface 3"]  # what stands in where no captured pixel knows
+    vertex_albedo: Float32[np.ndarray, "vertex 3"]  # what stands in where no captured pixel knows
 
 
 MARGIN = 2  # pixels around the captured picture

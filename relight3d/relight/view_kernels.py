@@ -65,9 +65,9 @@ def _place(a, b, listed, rays, mesh, packed, is_read, work):
 
 
 @inlined
-def _fill_in(a, b, captured, packed, scratch):
-    """Albedo and lobe gain, in the workspace, and the normal: where no captured pixel knows, the surface's mean."""
-    mean, surface, work, known = captured.surface_albedo, packed.surface[a:b], scratch.work, scratch.known
+def _fill_in(a, b, listed, rays, mesh, captured, packed, scratch):
+    """Albedo and lobe gain, in the workspace, and the normal: where no captured pixel knows, the vertices' albedo."""
+    vertex, work, known = captured.vertex_albedo, scratch.work, scratch.known
     for i in range(b - a):
         for c in range(7):
             work[ALBEDO + c, i] = known[i, c]
@@ -76,8 +76,12 @@ def _fill_in(a, b, captured, packed, scratch):
         gain[i] += rest[i]
     for i in range(b - a):
         if rest[i] > 0:
+            ray = np.uintp(listed.ray[a + i])
+            u, v = rays.u[ray], rays.v[ray]
+            one, two, three = corners_of(np.uintp(rays.face[ray]), mesh)
             for c in range(3):
-                work[ALBEDO + c, i] += rest[i] * mean[surface[i], c]
+                at_point = (ONE - u - v) * vertex[one, c] + u * vertex[two, c] + v * vertex[three, c]
+                work[ALBEDO + c, i] += rest[i] * at_point
     mx, my, mz = work[MESH_NORMAL, : b - a], work[MESH_NORMAL + 1, : b - a], work[MESH_NORMAL + 2, : b - a]
     tx, ty, tz = work[TILT, : b - a], work[TILT + 1, : b - a], work[TILT + 2, : b - a]
     for i in range(b - a):
@@ -119,7 +123,7 @@ def fill_points(first, last, listed, rays, mesh, captured, packed, is_read, scra
         project(a, b, captured, packed.position, scratch.image)
         fades(a, b, captured, packed, scratch.work[FADE])
         read_captured(a, b, captured, packed, scratch, source, share, a if with_sources else 0)
-        _fill_in(a, b, captured, packed, scratch)
+        _fill_in(a, b, listed, rays, mesh, captured, packed, scratch)
         _reflect_through(a, b, listed, rays, packed, scratch.work)
 
 
@@ -133,7 +137,7 @@ def tell_points(first, last, listed, rays, mesh, captured, packed, is_read, told
         project(a, b, captured, packed.position, scratch.image)
         scratch.work[FADE, :], scratch.work[HELD, :] = ONE, ONE
         read_captured(a, b, captured, packed, scratch, told.source, told.share, a)
-        _fill_in(a, b, captured, packed, scratch)
+        _fill_in(a, b, listed, rays, mesh, captured, packed, scratch)
         for i in range(b - a):
             for k in range(4):
                 if told.share[a + i, k] == 0:

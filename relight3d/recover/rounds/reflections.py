@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight3d.records import Mirror, Observations, PixelMap, RelightModel
-from relight3d.recover import bounce, indirect, mirror, sites
+from relight3d.recover import bounce, indirect, mirror, sites, unseen
 from relight3d.recover.rounds.state import Evidence, Fitted, Stage
 
 
@@ -86,4 +86,8 @@ def provisional_model(
         exposure=1.0,
         decisions=(),
         health={"indirect": health},
-    )
+        vertex_albedo=unseen.albedo_of_vertices(
+            stage.mesh, stage.surfaces.surface_of_face, fitted.surface_albedo, stage.points, stage.surface,
+            fitted.albedo, observed.is_interior & (num_lit > 0),
+        ),
+    )  # fmt: skip
