@@ -1,4 +1,4 @@
-"""The albedo where no captured pixel knows it: behind things, and on their backs.
+"""The albedo where nothing shows it: behind things, on their backs, and where no photograph's light falls.
 
 A texture goes on as far as it resembles itself. How far that is the seen part of each surface says (its correlation over
 distance), and simple kriging (Matheron 1963) blends the nearest seen vertices with the surface's own albedo by it: paint
@@ -16,7 +16,7 @@ NUM_DONORS = 12  # seen vertices that speak for an unseen one
 NUM_COMPARED = 1000  # seen vertices whose pairs tell how far a surface resembles itself
 NUM_STEPS, MIN_PAIRS = 25, 20  # of distance, and that must speak for one
 NUGGET = 0.05  # of the variance: what a vertex has for itself alone
-NORMALS_COUNT = 0.25  # of the scene's radius: a texture goes on along a wall sooner than around a corner
+NORMALS_COUNT = 0.25  # of the scene's radius
 BLOCK = 20_000  # vertices at a time
 
 
@@ -29,26 +29,46 @@ def albedo_of_vertices(
     albedo: Float32[np.ndarray, "point 3"],
     is_known: Bool[np.ndarray, " point"],
 ) -> Float32[np.ndarray, "vertex 3"]:
-    """Every vertex's albedo: what the points about it have where `is_known`, else what the seen part of its surface says.
-
-    A surface of one albedo, or with fewer than NUM_DONORS seen vertices, has its `surface_albedo` at the others.
-    """
+    """Every vertex's albedo: what the points about it have where `is_known`, else what the seen part of its surface says."""
     owner = np.zeros(len(mesh.vertices), np.int32)
     owner[mesh.faces.ravel()] = np.repeat(surface_of_face, 3)
     binding = site_binding(mesh, points.take(is_known), "vertex")
     heard = np.asarray(binding.sum(axis=1))
-    out = np.where(heard > 0, binding @ albedo[is_known] / np.maximum(heard, 1e-12), surface_albedo[owner])
-    place = np.concatenate([mesh.centered_vertices, NORMALS_COUNT * mesh.radius * mesh.vertex_normals], axis=1)
-    place = place.astype(np.float64)
-    for s in np.flatnonzero(_has_texture(surface[is_known], albedo[is_known], len(surface_albedo))):
-        seen, unseen = (np.flatnonzero((owner == s) & is_one) for is_one in (heard[:, 0] > 0, heard[:, 0] == 0))
-        if len(seen) < NUM_DONORS or len(unseen) == 0:
+    away = np.where(heard > 0, binding @ albedo[is_known] / np.maximum(heard, 1e-12) - surface_albedo[owner], 0.0)
+    is_textured = _has_texture(surface[is_known], albedo[is_known], len(surface_albedo))
+    place = places(mesh, mesh.centered_vertices, mesh.vertex_normals)
+    away = continued(place, away, np.where(is_textured[owner], owner, -1), heard[:, 0] > 0)
+    return np.maximum(surface_albedo[owner] + away, 0.0).astype(np.float32)
+
+
+def places(
+    mesh: PatchMesh, position: Float32[np.ndarray, "point 3"], normal: Float32[np.ndarray, "point 3"]
+) -> Float64[np.ndarray, "point 6"]:
+    """Positions, and normals beside them as a length: a texture goes on along a wall sooner than around a corner."""
+    return np.concatenate([position, NORMALS_COUNT * mesh.radius * normal], axis=1).astype(np.float64)
+
+
+def continued(
+    place: Float64[np.ndarray, "point key"],
+    away: Float64[np.ndarray, "point 3"],
+    part: Int[np.ndarray, " point"],
+    is_known: Bool[np.ndarray, " point"],
+) -> Float64[np.ndarray, "point 3"]:
+    """What each point differs by from the mean of its part, the unknown ones by those of the same part that are known.
+
+    Parts below 0, those of fewer than NUM_DONORS known points, and those that do not resemble themselves are left at 0.
+    """
+    out = np.where(is_known[:, None], away, 0.0)
+    for one in np.unique(part[~is_known & (part >= 0)]):
+        known, unknown = (np.flatnonzero((part == one) & is_one) for is_one in (is_known, ~is_known))
+        if len(known) < NUM_DONORS:
             continue
-        away = out[seen] - surface_albedo[s]
-        length = correlation_length(place[seen], away)
+        # About the mean: about any other value, what is far apart would resemble itself as well.
+        mean = away[known].mean(axis=0)
+        length = correlation_length(place[known], away[known] - mean)
         if length > 0:
-            out[unseen] = np.maximum(surface_albedo[s] + kriged(place[seen], away, place[unseen], length), 0.0)
-    return out.astype(np.float32)
+            out[unknown] = mean + kriged(place[known], away[known] - mean, place[unknown], length)
+    return out
 
 
 def _has_texture(
@@ -64,7 +84,7 @@ def _has_texture(
 def correlation_length(place: Float64[np.ndarray, "vertex key"], away: Float64[np.ndarray, "vertex 3"]) -> float:
     """The distance over which values resemble each other by 1 / e; 0 where not even neighbours do.
 
-    `away` is by how much each vertex differs from the surface's own albedo.
+    `away` is by how much each vertex differs from the mean.
     """
     some = np.linspace(0, len(place) - 1, min(len(place), NUM_COMPARED)).astype(int)
     one, other = _pairs(place, some)

@@ -9,7 +9,7 @@ from relight3d.effects import SCENE
 from relight3d.maths.decibels import gain_db
 from relight3d.maths.least_squares import Solution, robust_weights
 from relight3d.records import Mirror, Observations
-from relight3d.recover import bounce, diffuse, indirect, sites, texture
+from relight3d.recover import bounce, diffuse, indirect, sites, texture, unseen
 from relight3d.recover.rounds.light import calm_radiance, direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, looks_textured, surface_medians
@@ -76,10 +76,15 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
         fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
     owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
     mean = surface_medians(albedo, information, owner, num_owners)
-    # A pixel that was lit faintly, or only grazed, leans on its surface's mean.
+    # A pixel that was lit faintly, or only grazed, leans on what the surface is around it.
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
-    told = fitted.is_textured[stage.surface][:, None] * of_its_own**2 / (of_its_own**2 + faint**2)
-    relative = (1.0 + told * (albedo / np.maximum(mean[owner], 1e-6) - 1.0)).astype(np.float32)
+    told = of_its_own**2 / (of_its_own**2 + faint**2)
+    is_textured = fitted.is_textured[stage.surface]
+    away = np.where(is_textured[:, None], albedo / np.maximum(mean[owner], 1e-6) - 1.0, 0.0)
+    place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
+    is_told = observed.is_interior & (told.min(axis=1) > 0.5)
+    around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
+    relative = (1.0 + told * away + (1.0 - told) * np.where(is_told[:, None], 0.0, around)).astype(np.float32)
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
     border = diffuse.border_albedo(known.pairs, observed, target, known.smooth, relative, owner, num_owners, options)
     # Light that other surfaces send is as known as the direct, once it is computed; only the rest must be told apart.
