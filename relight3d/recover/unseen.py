@@ -15,7 +15,8 @@ from relight3d.recover.sites import site_binding
 NUM_DONORS = 12  # seen vertices that speak for an unseen one
 NUM_COMPARED = 1000  # seen vertices whose pairs tell how far a surface resembles itself
 NUM_STEPS, MIN_PAIRS = 25, 20  # of distance, and that must speak for one
-NUGGET = 0.05  # of the variance: what a vertex has for itself alone
+MIN_SHARED = 0.2  # of the variance, between neighbours
+MIN_NUGGET = 0.05  # of the variance: what a place has for itself alone
 NORMALS_COUNT = 0.25  # of the scene's radius
 BLOCK = 20_000  # vertices at a time
 
@@ -65,9 +66,9 @@ def continued(
             continue
         # About the mean: about any other value, what is far apart would resemble itself as well.
         mean = away[known].mean(axis=0)
-        length = correlation_length(place[known], away[known] - mean)
-        if length > 0:
-            out[unknown] = mean + kriged(place[known], away[known] - mean, place[unknown], length)
+        shared, length = correlation(place[known], away[known] - mean)
+        if shared > 0:
+            out[unknown] = mean + kriged(place[known], away[known] - mean, place[unknown], shared, length)
     return out
 
 
@@ -81,17 +82,18 @@ def _has_texture(
     return np.any(most > least, axis=1)
 
 
-def correlation_length(place: Float64[np.ndarray, "vertex key"], away: Float64[np.ndarray, "vertex 3"]) -> float:
-    """The distance over which values resemble each other by 1 / e; 0 where not even neighbours do.
+def correlation(place: Float64[np.ndarray, "vertex key"], away: Float64[np.ndarray, "vertex 3"]) -> tuple[float, float]:
+    """How much of their variance places share with those beside them, and over what distance that falls to 1 / e.
 
-    `away` is by how much each vertex differs from the mean.
+    `away` is by how much each differs from the mean. (0, 0) where not even neighbours resemble each other; what each has
+    for itself is noise, or finer than the places are close.
     """
     some = np.linspace(0, len(place) - 1, min(len(place), NUM_COMPARED)).astype(int)
     one, other = _pairs(place, some)
     distance = np.linalg.norm(place[one] - place[other], axis=1)
     variance = float((away**2).mean(axis=0).sum())
     if variance <= 0 or not distance.max(initial=0.0) > 0:
-        return 0.0
+        return 0.0, 0.0
     alike = np.einsum("pc,pc->p", away[one], away[other]) / variance
     edges = np.geomspace(np.quantile(distance[distance > 0], 1e-3), distance.max(), NUM_STEPS)
     step = np.digitize(distance, edges[1:-1])
@@ -99,9 +101,11 @@ def correlation_length(place: Float64[np.ndarray, "vertex key"], away: Float64[n
     told = count >= MIN_PAIRS
     alike = np.bincount(step, alike, minlength=NUM_STEPS - 1)[told] / count[told]
     distance = np.bincount(step, distance, minlength=NUM_STEPS - 1)[told] / count[told]
-    unlike = np.flatnonzero(alike < np.exp(-1.0))
-    first = unlike[0] if len(unlike) else len(alike)
-    return float(distance[first - 1]) if first > 0 else 0.0
+    shared = min(float(alike[0]), 1.0 - MIN_NUGGET) if len(alike) else 0.0
+    if shared < MIN_SHARED:
+        return 0.0, 0.0
+    unlike = np.flatnonzero(alike < shared * np.exp(-1.0))
+    return shared, float(distance[(unlike[0] if len(unlike) else len(alike)) - 1])
 
 
 def _pairs(
@@ -117,16 +121,17 @@ def kriged(
     place: Float64[np.ndarray, "seen key"],
     away: Float64[np.ndarray, "seen 3"],
     wanted: Float64[np.ndarray, "unseen key"],
+    shared: float,
     length: float,
 ) -> Float64[np.ndarray, "unseen 3"]:
-    """Simple kriging from the nearest seen vertices, by an exponential covariance of the given length."""
+    """Simple kriging from the nearest seen places, by an exponential covariance with a nugget (`correlation`)."""
     tree, out = cKDTree(place), np.empty((len(wanted), 3))
     for first in range(0, len(wanted), BLOCK):
         part = slice(first, first + BLOCK)
         distance, donor = tree.query(wanted[part], k=NUM_DONORS)
         between = np.linalg.norm(place[donor][:, :, None] - place[donor][:, None], axis=3)
-        covariance = np.exp(-between / length) + NUGGET * np.eye(NUM_DONORS)
-        share = np.linalg.solve(covariance, np.exp(-distance / length)[..., None])[..., 0]
+        covariance = shared * np.exp(-between / length) + (1.0 - shared) * np.eye(NUM_DONORS)
+        share = np.linalg.solve(covariance, shared * np.exp(-distance / length)[..., None])[..., 0]
         out[part] = np.einsum("uk,ukc->uc", share, away[donor])
         least, most = away[donor].min(axis=1), away[donor].max(axis=1)
         out[part] = np.clip(out[part], np.minimum(least, 0.0), np.maximum(most, 0.0))

@@ -8,7 +8,7 @@ from relight3d.evaluate.shapes import plane
 from relight3d.maths.light_basis import GOLDEN_ANGLE
 from relight3d.records import PatchMesh, ShadingPoints
 from relight3d.recover.mesh import MeshOptions, prepare_mesh
-from relight3d.recover.unseen import albedo_of_vertices, correlation_length
+from relight3d.recover.unseen import albedo_of_vertices, correlation
 from relight3d.shading import points_seen, ray_scene
 
 MEAN = np.array([[0.4, 0.4, 0.4]])
@@ -74,7 +74,10 @@ def test_the_length_of_waves_is_found(length: float) -> None:
     turn = GOLDEN_ANGLE * np.arange(64)
     waves = np.cos(place @ np.stack([np.cos(turn), np.sin(turn)]) / length + rng.uniform(0, 2 * np.pi, 64))
     away = np.repeat(waves.sum(axis=1)[:, None], 3, axis=1)
-    assert correlation_length(place, away) == pytest.approx(1.75 * length, rel=0.3)
-    assert correlation_length(place, rng.normal(size=(4000, 3))) == 0.0
-    assert correlation_length(place, np.zeros((4000, 3))) == 0.0
-    assert correlation_length(10 * place, away) == pytest.approx(17.5 * length, rel=0.3)  # whatever the unit
+    shared, found = correlation(place, away)
+    assert shared > 0.8 and found == pytest.approx(1.75 * length, rel=0.3)
+    assert correlation(10 * place, away)[1] == pytest.approx(10 * found, rel=0.01)  # whatever the unit
+    noise = rng.normal(size=(4000, 3)) * away.std()
+    assert correlation(place, noise) == correlation(place, np.zeros((4000, 3))) == (0.0, 0.0)
+    shared, found = correlation(place, away + noise)
+    assert shared == pytest.approx(0.5, abs=0.1) and found == pytest.approx(1.75 * length, rel=0.3)

@@ -82,7 +82,7 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
     is_textured = fitted.is_textured[stage.surface]
     away = np.where(is_textured[:, None], albedo / np.maximum(mean[owner], 1e-6) - 1.0, 0.0)
     place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
-    is_told = observed.is_interior & (told.min(axis=1) > 0.5)
+    is_told = observed.is_interior & (told.min(axis=1) > 0.9)
     around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
     relative = (1.0 + told * away + (1.0 - told) * np.where(is_told[:, None], 0.0, around)).astype(np.float32)
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
