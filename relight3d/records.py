@@ -195,12 +195,19 @@ class Observations:
     is_highlight: Bool[np.ndarray, "photo point"]  # a highlight is possible here by geometry alone
     is_interior: Bool[np.ndarray, " point"]  # off the outlines, where a pixel mixes two surfaces
     num_rays: int = 0
+    # is_highlight of what mirrors throw, None where none does. Neighbours share it: comparing them asks for the other alone.
+    is_thrown_highlight: Bool[np.ndarray, "photo point"] | None = None
     blocked_share: tuple[float, ...] = ()  # of what each photograph's lights reach: left out, in a shadow of nothing known
 
     @property
     def is_dark(self) -> Bool[np.ndarray, " photo"]:
         """Photographs taken with every light off."""
         return np.array([len(lights) == 0 for lights in self.lights], dtype=bool)
+
+    @property
+    def is_reached(self) -> Bool[np.ndarray, "photo point"]:
+        """Where a light is seen, itself or in a mirror that throws it."""
+        return self.is_lit if self.thrown is None else self.is_lit | (self.thrown.max(axis=(0, 3)) > 0)
 
     @property
     def ambient(self) -> Float32[np.ndarray, "photo point 3"] | None:

@@ -11,7 +11,7 @@ from relight3d.errors import InputError
 from relight3d.lights import Light
 from relight3d.records import Mirror, Observations, PatchMesh, ShadingPoints
 from relight3d.recover.blockers import without_blockers
-from relight3d.shading import cast_light
+from relight3d.shading import cast_light, mirrored_light
 from relight3d.tracing import RayScene
 
 MAX_DIM = 4.0  # times the usual power, beyond which a photograph's noise is not taken to be smaller
@@ -60,6 +60,7 @@ def observe(
     safe = np.ones_like(is_lit)
     throwing = [m for m in mirrors if m.throws_light]
     thrown = np.zeros((len(throwing), *form.shape), np.float32) if throwing else None
+    thrown_highlight = np.zeros_like(is_lit) if throwing else None
     num_rays = 0
     for photo, each in enumerate(lights):
         for light in each:
@@ -72,10 +73,12 @@ def observe(
             highlight[photo] |= highlight_zone(points, lit.to_light, options.highlight_deg) & lit.is_lit
             safe[photo] &= _away_from_borders(lit.is_lit, points, camera, options.border_px)
             safe[photo] &= np.abs(lit.cosine) > options.grazing_cosine
-            if thrown is not None and lit.thrown is not None:
+            if thrown is not None and thrown_highlight is not None and lit.thrown is not None:
                 thrown[:, photo] += (lit.thrown[..., None] * share).astype(np.float32)
-                for patch in lit.thrown:
+                for one, patch in zip(throwing, lit.thrown, strict=True):
                     safe[photo] &= _away_from_borders(patch > 0, points, camera, options.border_px)
+                    to_image = mirrored_light(light, one).incident(points.position)[0]
+                    thrown_highlight[photo] |= highlight_zone(points, to_image, options.highlight_deg) & (patch > 0)
     usable = (scale > 0) & np.isfinite(scale)
     usual = np.array([np.median(one[good]) if good.any() else 1.0 for one, good in zip(scale.T, usable.T)])
     # A lamp that is said to be a thousand times as strong as the others must not be the only one that is believed.
@@ -96,6 +99,7 @@ def observe(
         highlight,
         interior_points(points, camera, surface),
         num_rays,
+        thrown_highlight,
     )
     return without_blockers(observed, points, camera) if options.blockers else observed
 

@@ -206,6 +206,7 @@ def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.
         weight = weight * ~(observed.thrown.max(axis=(0, 3)) > 0)
     if fitted.specular is None:
         weight = weight * ~observed.is_highlight
+        weight = weight if observed.is_thrown_highlight is None else weight * ~observed.is_thrown_highlight
     else:
         # Where a lobe shines, its error is as large as it is: the fits hear less of it, smoothly.
         glare = fitted.specular.mean(axis=2) / np.maximum(0.25 * stage.white, 1e-12)
