@@ -211,6 +211,9 @@ def _fit(
 ) -> tuple[Fitted, tuple[Mirror, ...], list[str]]:
     """The rounds after the first fit, as far as time and error ask for them; and what there was no time for."""
     options, error, observed = stage.options, None, without_blocked(observed, fitted)
+    if mirrors:  # the lobes hear of what they throw: how much that is must be known before
+        with clock.stage("mirrors"):
+            mirrors, fitted = fit_mirrors(stage, observed, mirrors, fitted)
     # A round is lobes, detail and an alternation: until one is timed, it is taken for two alternations. The last stage
     # takes about one.
     last_s = clock.latest[FIRST_FIT]
