@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
 
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import BoundedFit, fit_bounded
@@ -47,17 +47,24 @@ class SpecularOptions:
 
 @dataclass(frozen=True, eq=False)
 class LobeSamples:
-    """Samples of one surface where the light is seen: geometry, light, what is measured and what is explained."""
+    """Samples of one surface where light is seen: geometry, light, what is measured and what is explained.
+
+    The lamps of a sample are its photograph's light and that light's images in mirrors; `form` is 0 for one not seen.
+    """
 
     photo: np.ndarray  # which photograph each sample is of
     normal: Float64[np.ndarray, "sample 3"]
-    to_light: Float64[np.ndarray, "sample 3"]
+    to_light: Float64[np.ndarray, "sample lamp 3"]
     to_viewer: Float64[np.ndarray, "sample 3"]
-    form: Float64[np.ndarray, "sample color"]
+    form: Float64[np.ndarray, "sample lamp color"]
     measured: Float64[np.ndarray, "sample 3"]
     explained: Float64[np.ndarray, "sample 3"]  # diffuse + indirect
     weight: Float64[np.ndarray, " sample"]
     position: Float64[np.ndarray, "sample 3"]  # centred
+
+    @property
+    def is_lit(self) -> Bool[np.ndarray, "sample lamp"]:
+        return self.form.max(axis=2) > 0
 
     def take(self, index: np.ndarray) -> "LobeSamples":
         """The samples of an index or mask."""
@@ -79,10 +86,11 @@ class Frames(NamedTuple):
 
 
 def mirror_cosine(samples: LobeSamples) -> np.ndarray:
-    """Cosine between the viewer and the light's mirror direction, at each sample."""
-    n_l = np.einsum("si,si->s", samples.normal, samples.to_light)
+    """Cosine between the viewer and the mirror direction of the nearest lamp that is seen, at each sample."""
+    n_l = np.einsum("si,sli->sl", samples.normal, samples.to_light)
     n_v = np.einsum("si,si->s", samples.normal, samples.to_viewer)
-    return 2 * n_l * n_v - np.einsum("si,si->s", samples.to_light, samples.to_viewer)
+    cosine = 2 * n_l * n_v[:, None] - np.einsum("sli,si->sl", samples.to_light, samples.to_viewer)
+    return np.where(samples.is_lit, cosine, -1.0).max(axis=1)
 
 
 def glossy_excess(samples: LobeSamples, white: float) -> tuple[float, float]:
@@ -120,7 +128,7 @@ def fit_lobes(
     shapes = np.stack([_shape(samples, k, x, frames) for k, x in atoms])
     # A lobe whose peak no photograph comes near would be an extrapolation: it explains a misfit by its foot, and blazes
     # under a light that nobody has tried.
-    is_seen = _seen_at_peak(shapes, _peaks(samples, atoms, frames))
+    is_seen = _seen_at_peak(samples, shapes, _peaks(samples, atoms, frames))
     parts = [_normal_system(samples, shapes, white, is_out) for is_out in folds]
     whole = tuple(sum(part[k] for part in parts) for k in (0, 1))
     systems = [tuple(whole[k] - part[k] for k in (0, 1)) for part in parts]
@@ -151,7 +159,7 @@ def fit_lobes(
     refined, last = _refined(samples.take(thin), white, frames, kept)
     # The shapes may walk away from what is seen; then those of the dictionary stand.
     values = np.stack([_shape(samples, kind, x, frames) for kind, x in refined])
-    if _seen_at_peak(values, _peaks(samples, refined, frames)).all():
+    if _seen_at_peak(samples, values, _peaks(samples, refined, frames)).all():
         kept = refined
     lobes = tuple(_lobe(kind, parameters, frames) for kind, parameters in kept)
     return _within_energy(lobes), last, gain_db(none, best_error)
@@ -213,9 +221,9 @@ def _normal_system(samples: LobeSamples, shapes: np.ndarray, white: float, mask:
     """Gram matrix and moments of the dictionary, weighed by the slope of the compressed scale; one per colour."""
     grams, moments = [], []
     for color in range(3):
-        form = samples.form[mask, min(color, samples.form.shape[1] - 1)]
+        form = samples.form[mask][:, :, min(color, samples.form.shape[2] - 1)]
         calm = samples.weight[mask] / (samples.measured[mask, color] ** 2 + white**2)
-        rows = shapes[:, mask] * form
+        rows = (shapes[:, mask] * form).sum(axis=2)
         left = samples.measured[mask, color] - samples.explained[mask, color]
         grams.append((rows * calm) @ rows.T)
         moments.append((rows * calm) @ left)
@@ -237,9 +245,9 @@ def _colors(system: tuple, chosen: list[int]) -> np.ndarray:
 
 
 def _shape(samples: LobeSamples, kind: str, x: np.ndarray, frames: Frames) -> np.ndarray:
-    """A lobe's value at each sample as a share of its peak."""
+    """A lobe's value at each sample and lamp as a share of its peak."""
     one = np.concatenate([x[:2], np.zeros(3), x[5:]])
-    return _brdf(samples, (_lobe(kind, one, frames),))[:, 0]
+    return _brdf(samples, (_lobe(kind, one, frames),))[..., 0]
 
 
 def _peaks(samples: LobeSamples, lobes: list[tuple[str, np.ndarray]], frames: Frames) -> np.ndarray:
@@ -257,9 +265,9 @@ def _peaks(samples: LobeSamples, lobes: list[tuple[str, np.ndarray]], frames: Fr
     return np.stack(rows)
 
 
-def _seen_at_peak(shapes: np.ndarray, peaks: np.ndarray) -> np.ndarray:
+def _seen_at_peak(samples: LobeSamples, shapes: np.ndarray, peaks: np.ndarray) -> np.ndarray:
     """Whether enough samples come near each lobe's peak, as far as their viewers could see it."""
-    share = shapes / np.maximum(peaks, 1e-30)
+    share = (shapes * samples.is_lit).max(axis=2) / np.maximum(peaks, 1e-30)
     return np.sort(share, axis=1)[:, -MIN_NEAR_PEAK] >= PEAK_SHARE
 
 
@@ -281,7 +289,7 @@ def _held_out(samples, shapes, white, chosen, colors, is_out) -> float:
     """Huber's error of the left-out samples on the compressed scale."""
     model = samples.explained[is_out].copy()
     for row, atom in enumerate(chosen):
-        model += shapes[atom, is_out][:, None] * samples.form[is_out] * colors[row]
+        model += (shapes[atom, is_out][..., None] * samples.form[is_out]).sum(axis=1) * colors[row]
     miss = np.abs(_compress(model, white) - _compress(samples.measured[is_out], white))
     # A few pixels of an unmodelled blocker must not decide about a lobe.
     loss = np.where(miss < 0.15, 0.5 * miss**2, 0.15 * (miss - 0.075))
@@ -352,11 +360,13 @@ def _refined(samples, white, frames, kept) -> tuple[list, BoundedFit]:
 
 
 def _model(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> np.ndarray:
-    return samples.explained + _brdf(samples, lobes) * samples.form
+    return samples.explained + (_brdf(samples, lobes) * samples.form).sum(axis=1)
 
 
 def _brdf(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> np.ndarray:
-    return lobe_brdf(lobes, samples.normal, samples.to_light, samples.to_viewer, samples.position)
+    shared = (samples.normal, samples.to_viewer, samples.position)
+    normal, viewer, position = (np.broadcast_to(a[:, None], samples.to_light.shape) for a in shared)
+    return lobe_brdf(lobes, normal, samples.to_light, viewer, position)
 
 
 def _compress(radiance: np.ndarray, white: float) -> np.ndarray:

@@ -78,10 +78,12 @@ def without_unseen(stage: Stage, observed: Observations, mirrors: tuple[Mirror, 
         if surface >= 0 and not is_kept:
             unseen.append((effect, surface))
     fitted = replace(fitted, evidence=evidence)
-    return _without(stage, observed, fitted, unseen)
+    return _without(stage, observed, mirrors, fitted, unseen)
 
 
-def _without(stage: Stage, observed: Observations, fitted: Fitted, unseen: list[tuple[str, int]]) -> Fitted:
+def _without(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, unseen: list[tuple[str, int]]
+) -> Fitted:
     albedo, normal, gain = fitted.albedo.copy(), fitted.normal.copy(), fitted.lobe_gain.copy()
     lobes, is_textured = list(fitted.lobes), fitted.is_textured.copy()
     for effect, surface in unseen:
@@ -98,7 +100,7 @@ def _without(stage: Stage, observed: Observations, fitted: Fitted, unseen: list[
         fitted, albedo=albedo, is_textured=is_textured, texture_shows=fitted.texture_shows & is_textured,
         normal=normal if changed else stage.points.normal, lobe_gain=gain, lobes=tuple(lobes),
     )  # fmt: skip
-    return replace(fitted, specular=specular_layers(stage, observed, fitted)) if unseen else fitted
+    return replace(fitted, specular=specular_layers(stage, observed, mirrors, fitted)) if unseen else fitted
 
 
 # ------------------------------------------------------------------------------------------------ errors
@@ -152,7 +154,8 @@ def _pictures_without(
     gloss = smooth_gloss = fitted.specular
     if _has_detail(stage, fitted).any():
         flat = replace(fitted, normal=stage.points.normal, lobe_gain=np.ones_like(fitted.lobe_gain))
-        smooth, smooth_gloss = direct_irradiance(stage, observed, mirrors, flat), specular_layers(stage, observed, flat)
+        smooth = direct_irradiance(stage, observed, mirrors, flat)
+        smooth_gloss = specular_layers(stage, observed, mirrors, flat)
     for photo in range(len(fitted.irradiance)):
         indirect, lit = fitted.irradiance[photo, some], direct[photo, some]
         light = (lit + indirect) * over_pi

@@ -25,12 +25,12 @@ def first() -> FirstFit:
 
 def with_lobe(strength: float, gain_db: float):
     """The first fit with a lobe on the table that left-out photographs are said to gain by."""
-    stage, observed, _, fitted = first()
+    stage, observed, mirrors, fitted = first()
     lobe = Lobe(np.full(3, strength), np.array([-1.0, -1.0, 1.0]), 60.0, np.zeros(3))
     lobes = tuple((lobe,) if s == TABLE else () for s in range(stage.surfaces.num_surfaces))
     evidence = {("lobes", TABLE): Evidence(gain_db, 0.4, "said so")}
     fitted = replace(fitted, lobes=lobes, evidence=evidence)
-    return replace(fitted, specular=specular_layers(stage, observed, fitted))
+    return replace(fitted, specular=specular_layers(stage, observed, mirrors, fitted))
 
 
 @pytest.mark.parametrize(("strength", "is_kept"), [(1.0, True), (1e-4, False)])

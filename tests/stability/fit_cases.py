@@ -37,7 +37,7 @@ def lobe_samples(lobes: tuple[Lobe, ...], num: int = 6000, spread: float = 0.9, 
     measured = explained + lobe_brdf(lobes, normal, light, viewer) * form
     measured = measured + noise * rng.standard_normal(measured.shape)
     photo, here = rng.integers(0, 10, num), np.zeros((num, 3))
-    return LobeSamples(photo, normal, light, viewer, form, measured, explained, np.ones(num), here)
+    return LobeSamples(photo, normal, light[:, None], viewer, form[:, None], measured, explained, np.ones(num), here)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -46,7 +46,8 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def _explained_share(samples: LobeSamples, lobes: tuple[Lobe, ...]) -> float:
     """How much of the highlight's power, on the compressed scale that the fit sees, the lobes account for."""
-    got = samples.explained + lobe_brdf(lobes, samples.normal, samples.to_light, samples.to_viewer) * samples.form
+    brdf = lobe_brdf(lobes, samples.normal, samples.to_light[:, 0], samples.to_viewer)
+    got = samples.explained + brdf * samples.form[:, 0]
     wanted, none = np.arcsinh(samples.measured), np.arcsinh(samples.explained)
     return 1.0 - float(np.sum((np.arcsinh(got) - wanted) ** 2) / np.sum((none - wanted) ** 2))
 
@@ -102,7 +103,7 @@ def exactly_diffuse() -> Outcome:
 def pure_mirror() -> Outcome:
     # Bright only within 0.3 degrees of the mirror direction, a hundred times white.
     samples = lobe_samples(())
-    along = np.einsum("si,si->s", samples.to_light, samples.to_viewer * [-1, -1, 1])
+    along = np.einsum("si,si->s", samples.to_light[:, 0], samples.to_viewer * [-1, -1, 1])
     samples.measured[along > np.cos(np.radians(0.3))] += 100.0
     lobes, fit, _ = fit_lobes(samples, 1.0, Frames(TANGENT), SpecularOptions())
     assert all(1 <= lobe.exponent <= 1e4 * (1 + 1e-9) and np.isfinite(lobe.color).all() for lobe in lobes)

@@ -4,11 +4,12 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float64
 
 from relight3d.maths.halfway import rigid_field
-from relight3d.records import Mirror, Observations
+from relight3d.records import Mirror, Observations, ShadingPoints
 from relight3d.recover import specular
-from relight3d.recover.rounds.light import direct_irradiance, specular_layers
+from relight3d.recover.rounds.light import cosine_change, direct_irradiance, lamps, specular_layers
 from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Fitted, Stage
 
 log = logging.getLogger("relight3d")
@@ -25,7 +26,7 @@ def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         mine = np.flatnonzero((stage.surface == s) & stage.is_matte & observed.is_interior)
         if len(mine) < MIN_INTERIOR:  # a small surface is all outline: better its mixed pixels than none
             mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
-        samples = _lobe_samples(stage, observed, fitted, matte, mine)
+        samples = _lobe_samples(stage, observed, mirrors, fitted, matte, mine)
         excess, scatter = specular.glossy_excess(samples, stage.white)
         found, fit, gain, options = (), None, 0.0, stage.options.specular
         if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
@@ -38,25 +39,21 @@ def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
         fits.append(fit)
         log.debug("%s: %s (scatter %.4f), %d lobes", stage.surfaces.names[s], reason, scatter, len(found))
     fitted = replace(fitted, lobes=tuple(lobes), lobe_fits=tuple(fits), evidence=evidence)
-    return replace(fitted, specular=specular_layers(stage, observed, fitted))
+    return replace(fitted, specular=specular_layers(stage, observed, mirrors, fitted))
 
 
-def _lobe_samples(stage: Stage, observed: Observations, fitted: Fitted, matte, mine) -> specular.LobeSamples:
-    """Samples of a surface under one light each, evenly over the angle to the mirror direction: the narrow peak is
-    heard as much as the wide rest.
+def _lobe_samples(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, matte, mine
+) -> specular.LobeSamples:
+    """Samples of a surface under one light each and its images in mirrors, evenly over the angle to the mirror direction:
+    the narrow peak is heard as much as the wide rest.
     """
     single = np.array([len(each) == 1 for each in observed.lights])
-    usable = observed.is_lit & observed.is_safe & (observed.weight > 0) & single[:, None]
+    usable = observed.is_reached & observed.is_safe & (observed.weight > 0) & single[:, None]
     photo, point = np.nonzero(usable[:, mine])
     point = mine[point]
-    to_light = np.zeros((len(photo), 3))
-    for p in np.unique(photo):
-        here = photo == p
-        to_light[here] = observed.lights[p][0].incident(stage.points.position[point[here]])[0]
-    normal, viewer = (a[point].astype(np.float64) for a in (fitted.normal, stage.points.to_viewer))
-    n_l, n_v = (np.einsum("si,si->s", normal, d) for d in (to_light, viewer))
-    angle = np.arccos(np.clip(2 * n_l * n_v - np.einsum("si,si->s", to_light, viewer), -1, 1))
-    bins = np.minimum((np.degrees(angle) / 3).astype(int), 39)
+    angle = _nearest_deg(stage.points, observed, mirrors, fitted.normal, photo, point)
+    bins = np.minimum((angle / 3).astype(int), 39)
     num = min(stage.options.specular.num_samples, len(photo))
     chosen = np.zeros(0, int)
     if num:
@@ -64,19 +61,54 @@ def _lobe_samples(stage: Stage, observed: Observations, fitted: Fitted, matte, m
         rng = np.random.default_rng(7)
         chosen = np.sort(rng.choice(len(photo), num, replace=False, p=probability / probability.sum()))
     photo, point = photo[chosen], point[chosen]
-    before = np.maximum(np.einsum("si,si->s", stage.points.normal[point], to_light[chosen]), 0.02)
-    change = np.clip(np.maximum(n_l[chosen], 0) / before, 0, 20)
+    to_light, form = _lighting(stage.points, observed, mirrors, fitted.normal, photo, point)
     return specular.LobeSamples(
         photo=photo,
-        normal=normal[chosen],
-        to_light=to_light[chosen],
-        to_viewer=viewer[chosen],
-        form=observed.form[photo, point].astype(np.float64) * change[:, None],
+        normal=fitted.normal[point].astype(np.float64),
+        to_light=to_light,
+        to_viewer=stage.points.to_viewer[point].astype(np.float64),
+        form=form,
         measured=observed.radiance[photo, point].astype(np.float64),
         explained=matte[photo, point].astype(np.float64),
         weight=np.ones(len(photo)),
         position=stage.points.position[point].astype(np.float64),
     )
+
+
+def _nearest_deg(
+    points: ShadingPoints, observed: Observations, mirrors: tuple[Mirror, ...], normal, photo, point
+) -> Float64[np.ndarray, " sample"]:
+    """The angle between each sample's viewer and the nearest mirror direction of a lamp that it sees."""
+    cosine = np.full(len(photo), -1.0)
+    for p in np.unique(photo).tolist():
+        here = np.flatnonzero(photo == p)
+        for lamp in lamps(observed, mirrors, p, point[here]):
+            lit = here[lamp.form.max(axis=1) > 0]
+            to_light = lamp.light.incident(points.position[point[lit]])[0]
+            up, viewer = (a[point[lit]].astype(np.float64) for a in (normal, points.to_viewer))
+            n_l, n_v = (np.einsum("si,si->s", up, d) for d in (to_light, viewer))
+            cosine[lit] = np.maximum(cosine[lit], 2 * n_l * n_v - np.einsum("si,si->s", to_light, viewer))
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _lighting(
+    points: ShadingPoints, observed: Observations, mirrors: tuple[Mirror, ...], normal, photo, point
+) -> tuple[Float64[np.ndarray, "sample lamp 3"], Float64[np.ndarray, "sample lamp color"]]:
+    """Direction to each sample's lamps and their form with detail, strongest first: as many as any sample sees."""
+    num_images = 0 if observed.thrown is None else len(observed.thrown)
+    num_colors = 3 if num_images else observed.form.shape[2]
+    to_light, form = (np.zeros((len(photo), 1 + num_images, n)) for n in (3, num_colors))
+    for p in np.unique(photo).tolist():
+        here = photo == p
+        at = point[here]
+        for k, lamp in enumerate(lamps(observed, mirrors, p, at)):
+            to_light[here, k] = lamp.light.incident(points.position[at])[0]
+            change = cosine_change(points.normal[at], normal[at], to_light[here, k])
+            form[here, k] = lamp.form * change[:, None]
+    order = np.argsort(-form.max(axis=2), axis=1, kind="stable")
+    num_seen = max(1, int((form.max(axis=2) > 0).sum(axis=1).max(initial=0)))
+    to_light, form = (np.take_along_axis(a, order[:, :num_seen, None], axis=1) for a in (to_light, form))
+    return to_light, form
 
 
 def _frames(stage: Stage, s: int) -> specular.Frames:
