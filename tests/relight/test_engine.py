@@ -205,6 +205,20 @@ def test_a_panel_thrown_by_a_mirror_equals_the_reference() -> None:
     assert gain.max() > 0.01 / model.exposure
 
 
+def test_lobes_shine_in_the_light_that_a_mirror_throws() -> None:
+    """A black table with lobes: all that the mirror adds to it is their highlight."""
+    model = replace(models.full(), indirect=None, residual=None)
+    black = replace(model.pixels, albedo=np.zeros_like(model.pixels.albedo))
+    model = replace(model, pixels=black, surface_albedo=np.zeros_like(model.surface_albedo))
+    light = [DirectionalLight((0.0, -0.7, 0.5), (3.0, 3.0, 3.0))]
+    assert_equal_frames(model, light)
+    full, none = (
+        Relighter(each).render(light).radiance.max(axis=2)
+        for each in (model, replace(model, mirrors=tuple(replace(m, throws_light=False) for m in model.mirrors)))
+    )
+    assert (full - none).max() > 0.2 * none.max()
+
+
 @pytest.mark.parametrize(
     "light",
     [SphereLight((0.4, -0.3, 1.2), 2.0, 0.2), RectangleLight((0.4, -0.3, 1.2), 2.0, (0.3, 0, 0), (0, -0.3, 0))],
