@@ -20,6 +20,7 @@ from relight3d.shading import lobe_brdf
 from relight3d.tracing import over_threads
 
 POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
+NUM_COMPARED = 4000  # points of a surface by which kinds of detail are compared
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -117,7 +118,7 @@ def choose_detail(
     )
     if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
         return "off", options.damping, 0.0
-    thin = slice(None, None, max(1, len(data.normal) // 6_000))
+    thin = slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED)))
     sample = _points(data, thin)
     plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
     outs = [everything[fold::num_folds] for fold in range(num_folds)]

@@ -18,6 +18,7 @@ from relight3d.recover.rounds.light import calm_radiance
 from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Stage
 from relight3d.recover.visible import JUST_VISIBLE, displayed, thinned, visible_gain_db
 from relight3d.shading import light_strength, reflected
+from relight3d.tracing import over_threads
 
 if TYPE_CHECKING:
     from relight3d.views import View
@@ -33,12 +34,15 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
     if options.max_modes == 0 or bright.sum() < 3 or not stage.forced.get(("residual", SCENE), True):
         return model
     given = _given(stage, observed, model, view)
-    fits, misfits, gain = {}, {}, 0.0
-    for name, is_known in given.states.items():
-        misfits[name] = _of_state(stage, given.misfits, is_known)
-        fits[name], used = _fit_state(stage, given, misfits[name], is_known, options)
-        given.states[name] = used
-        gain = max(gain, _visible_gain(stage, observed, given, is_known, fits[name]))
+
+    def fit(is_known: np.ndarray) -> tuple[residual.Misfits, residual.ResidualFit, np.ndarray, float]:
+        misfits = _of_state(stage, given.misfits, is_known)
+        found, used = _fit_state(stage, given, misfits, is_known, options)
+        return misfits, found, used, _visible_gain(stage, observed, given, is_known, found)
+
+    *parts, gains = zip(*over_threads(fit, list(given.states.values())), strict=True)
+    misfits, fits, used = (dict(zip(given.states, part, strict=True)) for part in parts)
+    gain = max(0.0, *gains)
     reason = ", ".join(f"{n} {f.gain_db:.1f} dB over {np.degrees(f.length_rad):.0f} degrees" for n, f in fits.items())
     evidence = Evidence(gain, options.min_gain_db, reason)
     line = decision(stage, "residual", SCENE, evidence, gain > options.min_gain_db)
@@ -47,7 +51,7 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
         return model
     if ("residual", SCENE) in stage.forced:
         options = replace(options, min_state_gain_db=ANY_GAIN)
-    return replace(model, residual=residual.fit_residual(misfits, given.states, fits, options))
+    return replace(model, residual=residual.fit_residual(misfits, used, fits, options))
 
 
 @dataclass(frozen=True, eq=False)

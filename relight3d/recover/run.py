@@ -76,11 +76,11 @@ class RecoverOptions:
     residual: ResidualOptions = field(default_factory=ResidualOptions)
     use_labels: bool = True  # the mesh's own surface labels, when it has them
     num_alternations: int = 4  # of albedo and indirect light (trap 3)
-    num_rounds: int = 2  # of lobes and detail against the diffuse fits
+    num_rounds: int = 4  # of lobes and detail against the diffuse fits, at most
     force: tuple[str, ...] = ()  # effect=on or off, or effect:surface=off, whatever the evidence says
     prices: bool = True  # measure what cheaper frames lose: budgets and presets choose by it
     budget_s: float | None = None  # begin no round, residual or price list that would not be done after so many seconds
-    max_error_db: float | None = None  # no further round after one that lowered the photographs' error by less
+    max_error_db: float | None = 0.5  # no further round after one that lowered the photographs' error by less; None: all
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_alternations <= 50:
@@ -226,6 +226,7 @@ def _fit(
             before, error = error, display_error(stage, observed, mirrors, fitted)
             if before is not None and visible_step_db(before, error) < options.max_error_db:
                 log.info("no round %d: the one before gained less than %g dB", number, options.max_error_db)
+                clock.skip(3 * (options.num_rounds + 1 - number))
                 break
         begin = time.perf_counter()
         with clock.stage(f"lobes, round {number}"):
@@ -256,6 +257,10 @@ class Clock:
     def has_time(self, budget_s: float | None, expected_s: float) -> bool:
         """Whether work of so many seconds would end within the budget; always, without one."""
         return budget_s is None or time.perf_counter() - self._start + expected_s <= budget_s
+
+    def skip(self, num_stages: int) -> None:
+        """So many stages will not come."""
+        self._num_stages -= num_stages
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -13,7 +13,7 @@ from relight3d.records import PatchMesh, ShadingPoints
 from relight3d.recover.sites import site_binding
 
 NUM_DONORS = 12  # seen vertices that speak for an unseen one
-NUM_COMPARED = 1000  # seen vertices whose pairs tell how far a surface resembles itself
+NUM_COMPARED = 600  # seen vertices whose pairs tell how far a surface resembles itself
 NUM_STEPS, MIN_PAIRS = 25, 20  # of distance, and that must speak for one
 MIN_SHARED = 0.2  # of the variance, between neighbours
 MIN_NUGGET = 0.05  # of the variance: what a place has for itself alone

@@ -51,14 +51,17 @@ def alternate(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...],
     steps = options.num_alternations if first else max(2, options.num_alternations // 2)
     for step in range(steps):
         # Texture is not judged before the indirect light is known: what that does to a pixel looks like texture.
-        judges = step == (steps - 1 if first else 0)
+        is_last = step == steps - 1
+        judges = is_last if first else step == 0
         weight = diffuse_weights(stage, observed, fitted)
-        fitted = _fit_albedo(stage, known, weight, fitted, judges)
-        fitted = _fit_indirect(stage, known, weight, mirrors, fitted, is_last=step == steps - 1)
+        fitted = _fit_albedo(stage, known, weight, fitted, judges, is_last)
+        fitted = _fit_indirect(stage, known, weight, mirrors, fitted, is_last)
     return fitted
 
 
-def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted, judges_texture: bool) -> Fitted:
+def _fit_albedo(
+    stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted, judges_texture: bool, is_last: bool
+) -> Fitted:
     """The albedo of every point: its texture from the photographs, times its surface's scale from the borders."""
     observed, target, direct, options = known.observed, known.target, known.direct, stage.options.diffuse
     num, is_first = stage.surfaces.num_surfaces, fitted.solution is None
@@ -76,15 +79,17 @@ def _fit_albedo(stage: Stage, known: _Known, weight: np.ndarray, fitted: Fitted,
         fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
     owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
     mean = surface_medians(albedo, information, owner, num_owners)
-    # A pixel that was lit faintly, or only grazed, leans on what the surface is around it.
+    # A pixel that was lit faintly, or only grazed, leans on its surface's mean, in the end on what is around it.
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
     told = of_its_own**2 / (of_its_own**2 + faint**2)
     is_textured = fitted.is_textured[stage.surface]
     away = np.where(is_textured[:, None], albedo / np.maximum(mean[owner], 1e-6) - 1.0, 0.0)
-    place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
-    is_told = observed.is_interior & (told.min(axis=1) > 0.9)
-    around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
-    relative = (1.0 + told * away + (1.0 - told) * np.where(is_told[:, None], 0.0, around)).astype(np.float32)
+    relative = (1.0 + told * away).astype(np.float32)
+    if is_last:
+        place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
+        is_told = observed.is_interior & (told.min(axis=1) > 0.9)
+        around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
+        relative[~is_told] += ((1.0 - told) * around)[~is_told].astype(np.float32)
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
     border = diffuse.border_albedo(known.pairs, observed, target, known.smooth, relative, owner, num_owners, options)
     # Light that other surfaces send is as known as the direct, once it is computed; only the rest must be told apart.
