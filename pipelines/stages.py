@@ -35,6 +35,7 @@ from relight3d.recover.rounds.relief import fit_detail
 from relight3d.recover.rounds.state import Fitted, Stage, set_stage, start, without_blocked
 from relight3d.recover.run import Clock, RecoverOptions, first_fit, register
 from relight3d.recover.training import Training, read_training
+from relight3d.recover.visible import display_error, visible_step_db
 from relight3d.shading import points_seen, ray_scene
 from relight3d.tracing import RayScene
 
@@ -157,10 +158,26 @@ class Stages:
         """The photographs without those that the first alternation found spoilt."""
         return without_blocked(self.observed, self.diffuse(0))
 
+    @cached_property
+    def reflecting(self) -> tuple[tuple[Mirror, ...], Fitted]:
+        """The mirrors with their first reflectances: the lobes hear of what they throw."""
+        before = self.diffuse(0)
+        if not self.mirrors_found:
+            return (), before
+        return self._round(
+            "mirrors_0",
+            lambda: fit_mirrors(self.common, self.trusted, self.mirrors_found, before),
+            *(before, self.options.indirect),
+        )
+
+    def fitted_before(self, number: int) -> Fitted:
+        """What round `number` begins with."""
+        return self.reflecting[1] if number == 1 else self.diffuse(number - 1)
+
     @once
     def lobes(self, number: int) -> Fitted:
         """Which surfaces are glossy and their lobes, in round `number`, counted from 1."""
-        before, mirrors = self.diffuse(number - 1), self.mirrors_before(number)
+        before, mirrors = self.fitted_before(number), self.mirrors_before(number)
         return self._round(
             f"lobes_{number}",
             lambda: fit_gloss(self.common, self.trusted, mirrors, before),
@@ -181,13 +198,24 @@ class Stages:
 
     def mirrors_before(self, number: int) -> tuple[Mirror, ...]:
         """The mirrors as round `number` finds them."""
-        return self.mirrors_found if number == 1 else self.detail(number - 1)[1]
+        return self.reflecting[0] if number == 1 else self.detail(number - 1)[1]
+
+    @cached_property
+    def num_rounds(self) -> int:
+        """The rounds that recover would go: until one explains the photographs hardly better than the one before."""
+        error, enough_db = None, self.options.max_error_db
+        for number in range(1, self.options.num_rounds + 1 if enough_db is not None else 1):
+            now = self.mirrors_before(number), self.fitted_before(number)
+            before, error = error, display_error(self.common, self.trusted, *now)
+            if before is not None and visible_step_db(before, error) < enough_db:
+                return number - 1
+        return self.options.num_rounds
 
     @cached_property
     def model(self) -> RelightModel:
         """The last stage: the surroundings in mirrors, and the residual."""
-        last = self.options.num_rounds
-        fitted, mirrors = self.diffuse(last), self.mirrors_before(last + 1)
+        last = self.num_rounds
+        fitted, mirrors = self.fitted_before(last + 1), self.mirrors_before(last + 1)
 
         def make() -> RelightModel:
             exposure, observed = self.photographs.exposure, without_blocked(self.observed, fitted)

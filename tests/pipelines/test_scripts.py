@@ -117,7 +117,7 @@ def test_the_stages_make_the_model_that_recover_makes(output: Path) -> None:
         "import sys; sys.path.insert(0, 'pipelines')\n"
         "import dataclasses, pathlib, relight3d, stages\n"
         "from relight3d.io.files import hash_of\n"
-        "quick = relight3d.RecoverOptions(num_rounds=1, num_alternations=2, prices=False)\n"
+        "quick = relight3d.RecoverOptions(num_rounds=4, max_error_db=1.0, num_alternations=2, prices=False)\n"
         "quick = dataclasses.replace(quick, mesh=dataclasses.replace(quick.mesh, target_faces=2000))\n"
         f"model = stages.Stages(pathlib.Path('{TINY}'), pathlib.Path('{output / 'stages'}'), quick).model\n"
         f"assert hash_of(model) == hash_of(relight3d.recover(relight3d.load_capture('{TINY}'), quick, quiet=True))\n"
