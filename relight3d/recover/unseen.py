@@ -91,11 +91,13 @@ def correlation(place: Float64[np.ndarray, "vertex key"], away: Float64[np.ndarr
     some = np.linspace(0, len(place) - 1, min(len(place), NUM_COMPARED)).astype(int)
     one, other = _pairs(place, some)
     distance = np.linalg.norm(place[one] - place[other], axis=1)
+    is_apart = distance > 0  # the same place twice tells nothing of a distance
+    one, other, distance = one[is_apart], other[is_apart], distance[is_apart]
     variance = float((away**2).mean(axis=0).sum())
-    if variance <= 0 or not distance.max(initial=0.0) > 0:
+    if variance <= 0 or len(distance) == 0:
         return 0.0, 0.0
     alike = np.einsum("pc,pc->p", away[one], away[other]) / variance
-    edges = np.geomspace(np.quantile(distance[distance > 0], 1e-3), distance.max(), NUM_STEPS)
+    edges = np.geomspace(np.quantile(distance, 1e-3), distance.max(), NUM_STEPS)
     step = np.digitize(distance, edges[1:-1])
     count = np.bincount(step, minlength=NUM_STEPS - 1)
     told = count >= MIN_PAIRS

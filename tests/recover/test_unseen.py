@@ -81,3 +81,6 @@ def test_the_length_of_waves_is_found(length: float) -> None:
     assert correlation(place, noise) == correlation(place, np.zeros((4000, 3))) == (0.0, 0.0)
     shared, found = correlation(place, away + noise)
     assert shared == pytest.approx(0.5, abs=0.1) and found == pytest.approx(1.75 * length, rel=0.3)
+    twice = correlation(np.concatenate([place, place]), np.concatenate([away, away]))
+    assert twice[0] > 0.8 and twice[1] == pytest.approx(1.75 * length, rel=0.3)
+    assert correlation(np.zeros((40, 2)), away[:40]) == (0.0, 0.0)
