@@ -24,21 +24,25 @@ BLOCK = 20_000  # vertices at a time
 def albedo_of_vertices(
     mesh: PatchMesh,
     surface_of_face: Int32[np.ndarray, " face"],
+    panel_of_face: Int32[np.ndarray, " face"],
     surface_albedo: Float64[np.ndarray, "surface 3"],
     points: ShadingPoints,
     surface: Int32[np.ndarray, " point"],
     albedo: Float32[np.ndarray, "point 3"],
     is_known: Bool[np.ndarray, " point"],
 ) -> Float32[np.ndarray, "vertex 3"]:
-    """Every vertex's albedo: what the points about it have where `is_known`, else what the seen part of its surface says."""
-    owner = np.zeros(len(mesh.vertices), np.int32)
-    owner[mesh.faces.ravel()] = np.repeat(surface_of_face, 3)
+    """Every vertex's albedo: what the points about it have where `is_known`, else what the seen part of its panel says.
+
+    The panels are each surface's smooth pieces: what a box's lid shows says nothing of its sides.
+    """
+    owner, panel = np.zeros((2, len(mesh.vertices)), np.int32)
+    owner[mesh.faces.ravel()], panel[mesh.faces.ravel()] = (np.repeat(a, 3) for a in (surface_of_face, panel_of_face))
     binding = site_binding(mesh, points.take(is_known), "vertex")
     heard = np.asarray(binding.sum(axis=1))
     away = np.where(heard > 0, binding @ albedo[is_known] / np.maximum(heard, 1e-12) - surface_albedo[owner], 0.0)
     is_textured = _has_texture(surface[is_known], albedo[is_known], len(surface_albedo))
     place = places(mesh, mesh.centered_vertices, mesh.vertex_normals)
-    away = continued(place, away, np.where(is_textured[owner], owner, -1), heard[:, 0] > 0)
+    away = continued(place, away, np.where(is_textured[owner], panel, -1), heard[:, 0] > 0)
     return np.maximum(surface_albedo[owner] + away, 0.0).astype(np.float32)
 
 

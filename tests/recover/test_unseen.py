@@ -28,7 +28,7 @@ def filled(wall, albedo: np.ndarray, is_known: np.ndarray) -> tuple[np.ndarray, 
     """Where the hidden vertices are, and what they are taken to be."""
     mesh, points, _ = wall
     owner, surface = np.zeros(len(mesh.faces), np.int32), np.zeros(len(points), np.int32)
-    out = albedo_of_vertices(mesh, owner, MEAN, points, surface, albedo.astype(np.float32), is_known)
+    out = albedo_of_vertices(mesh, owner, owner, MEAN, points, surface, albedo.astype(np.float32), is_known)
     hidden = np.linalg.norm(mesh.centered_vertices[:, :2], axis=1) < 0.4
     return mesh.centered_vertices[hidden], out[hidden]
 
@@ -51,6 +51,18 @@ def test_what_does_not_resemble_itself_is_not_continued(wall) -> None:
     grains = np.random.default_rng(0).uniform(0.1, 0.7, (len(points), 3))
     _, found = filled(wall, grains, is_known)
     np.testing.assert_allclose(found, np.broadcast_to(MEAN, found.shape), atol=0.08)
+
+
+def test_another_panel_says_nothing(wall) -> None:
+    """What is hidden is a lid of its own in the wall: the wall's paint is not its, it has the surface's mean."""
+    mesh, points, _ = wall
+    on_lid = (np.linalg.norm(mesh.centered_vertices[mesh.faces][:, :, :2], axis=2) < 0.5).any(axis=1)
+    is_known = np.linalg.norm(points.position[:, :2], axis=1) > 0.65  # off the vertices that the lid shares
+    paint = np.where(points.position[:, :1] > 0.25, [[0.7, 0.6, 0.5]], [[0.1, 0.3, 0.35]]).astype(np.float32)
+    owner, surface = np.zeros(len(mesh.faces), np.int32), np.zeros(len(points), np.int32)
+    found = albedo_of_vertices(mesh, owner, on_lid.astype(np.int32), MEAN, points, surface, paint, is_known)
+    inside = np.linalg.norm(mesh.centered_vertices[:, :2], axis=1) < 0.4
+    np.testing.assert_allclose(found[inside], np.broadcast_to(MEAN, found[inside].shape), rtol=1e-5)
 
 
 def test_one_albedo_stays_one(wall) -> None:

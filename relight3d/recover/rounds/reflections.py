@@ -87,7 +87,7 @@ def provisional_model(
         decisions=(),
         health={"indirect": health},
         vertex_albedo=unseen.albedo_of_vertices(
-            stage.mesh, stage.surfaces.surface_of_face, fitted.surface_albedo, stage.points, stage.surface,
-            fitted.albedo, observed.is_interior & (num_lit > 0),
+            stage.mesh, stage.surfaces.surface_of_face, stage.panel_of_face, fitted.surface_albedo, stage.points,
+            stage.surface, fitted.albedo, observed.is_interior & (num_lit > 0),
         ),
     )  # fmt: skip
