@@ -54,7 +54,10 @@ def _cut_once(model: RelightModel) -> RelightModel:
     if indirect is not None and indirect.site == "vertex":
         indirect = replace(indirect, coefficients=extended(indirect.coefficients), ambient=extended(indirect.ambient))
     surfaces = replace(model.surfaces, surface_of_face=np.repeat(model.surfaces.surface_of_face, 4))
-    return replace(model, mesh=finer, surfaces=surfaces, indirect=indirect, pixels=_on_children(model.pixels))
+    pixels, unseen = _on_children(model.pixels), extended(model.albedo_unseen)
+    return replace(
+        model, mesh=finer, surfaces=surfaces, indirect=indirect, pixels=pixels, vertex_albedo=unseen
+    )  # fmt: skip
 
 
 def _on_children(pixels: PixelMap) -> PixelMap:
