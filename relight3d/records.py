@@ -412,7 +412,7 @@ class RelightModel:
     vertex_albedo: Float32[np.ndarray, "vertex 3"] | None = None  # what holds where no captured pixel knows
     seconds: Mapping[str, float] = field(default_factory=dict, compare=False)
 
-    @property
+    @cached_property
     def albedo_unseen(self) -> Float32[np.ndarray, "vertex 3"]:
         """The albedo of each vertex where no captured pixel knows it: its surface's, unless the model says more."""
         if self.vertex_albedo is not None:

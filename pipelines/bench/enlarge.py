@@ -55,9 +55,7 @@ def _cut_once(model: RelightModel) -> RelightModel:
         indirect = replace(indirect, coefficients=extended(indirect.coefficients), ambient=extended(indirect.ambient))
     surfaces = replace(model.surfaces, surface_of_face=np.repeat(model.surfaces.surface_of_face, 4))
     pixels, unseen = _on_children(model.pixels), extended(model.albedo_unseen)
-    return replace(
-        model, mesh=finer, surfaces=surfaces, indirect=indirect, pixels=pixels, vertex_albedo=unseen
-    )  # fmt: skip
+    return replace(model, mesh=finer, surfaces=surfaces, indirect=indirect, pixels=pixels, vertex_albedo=unseen)
 
 
 def _on_children(pixels: PixelMap) -> PixelMap:

@@ -25,6 +25,7 @@ from relight3d.recover.patches import (
     main_corner,
     turned_to_viewer,
 )
+from relight3d.recover.sites import of_vertices
 from relight3d.shading import cast_light, indirect_design
 from relight3d.tracing import RayScene
 
@@ -85,8 +86,6 @@ def trace_transport(
     """
     if options.num_rays == 0 or not lights:
         return None
-    surface_of_vertex = np.zeros(len(mesh.vertices), np.int32)
-    surface_of_vertex[mesh.faces.ravel()] = np.repeat(surface_of_face, 3)
     normals, face_normals = turned_to_viewer(mesh, points)
     chosen, nearest, blend = choose_patches(mesh, normals, options.max_patches)
     patches = as_points(mesh, normals, face_normals, chosen)
@@ -109,8 +108,8 @@ def trace_transport(
         shape=(len(chosen), len(points)),
     )  # fmt: skip
     return Transport(
-        surface_of_vertex[chosen], seen, mirrored, own, thrown, lights, hear, (site_of_vertex @ blend).tocsr(),
-        patches.position,
+        of_vertices(mesh, surface_of_face)[chosen], seen, mirrored, own, thrown, lights, hear,
+        (site_of_vertex @ blend).tocsr(), patches.position,
     )  # fmt: skip
 
 

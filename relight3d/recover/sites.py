@@ -96,6 +96,11 @@ def of_faces(mesh: PatchMesh, values: Num[np.ndarray, " face"], site: str) -> Nu
         return None
     if site == "face":
         return values
+    return of_vertices(mesh, values)
+
+
+def of_vertices(mesh: PatchMesh, values: Num[np.ndarray, " face"]) -> Num[np.ndarray, " vertex"]:
+    """A number of each face at the vertices: that of one of their faces."""
     at_vertex = np.zeros(len(mesh.vertices), values.dtype)
     at_vertex[mesh.faces.ravel()] = np.repeat(values, 3)
     return at_vertex

@@ -76,7 +76,7 @@ def difference_measure(
     left, right = left[alike], right[alike]
     flat = np.einsum("pi,pi->p", points.normal[left], points.normal[right]) > 0.99
     left, right = left[flat], right[flat]
-    good = observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
+    good = _is_told(observed)
     count, total, square = (np.zeros(len(left)) for _ in range(3))
     for photo in range(len(good)):
         gray = _log(observed.radiance[photo].mean(axis=1))
@@ -91,6 +91,11 @@ def difference_measure(
         _difference(common[(surface[left] == s) & (count >= 2)], albedo[(surface == s) & observed.is_interior], options)
         for s in range(num_surfaces)
     ]
+
+
+def _is_told(observed: Observations) -> Bool[np.ndarray, "photo point"]:
+    """Where a photograph shows an albedo under direct light, and nothing brighter than it."""
+    return observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
 
 
 def _log(values: np.ndarray) -> np.ndarray:
@@ -123,8 +128,7 @@ def unlike_share(
     for the direct light, of the photographs that light them well: indirect light adds least there. 0 for a surface of
     fewer than 20 blocks.
     """
-    good = observed.is_safe & observed.is_lit & ~observed.is_highlight & (observed.weight > 0)
-    good &= observed.is_interior & is_matte
+    good = _is_told(observed) & observed.is_interior & is_matte
     row, column = np.divmod(points.pixel.astype(np.int64), camera.width)
     place = (row // BLOCK_PX * camera.width + column // BLOCK_PX) * num_surfaces + surface
     keys, block, size = np.unique(place, return_inverse=True, return_counts=True)

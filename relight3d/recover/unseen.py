@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int32
 from scipy.spatial import cKDTree
 
 from relight3d.records import PatchMesh, ShadingPoints
-from relight3d.recover.sites import site_binding
+from relight3d.recover.sites import of_vertices, site_binding
 
 NUM_DONORS = 12  # seen vertices that speak for an unseen one
 NUM_COMPARED = 600  # seen vertices whose pairs tell how far a surface resembles itself
@@ -35,8 +35,7 @@ def albedo_of_vertices(
 
     The panels are each surface's smooth pieces: what a box's lid shows says nothing of its sides.
     """
-    owner, panel = np.zeros((2, len(mesh.vertices)), np.int32)
-    owner[mesh.faces.ravel()], panel[mesh.faces.ravel()] = (np.repeat(a, 3) for a in (surface_of_face, panel_of_face))
+    owner, panel = of_vertices(mesh, surface_of_face), of_vertices(mesh, panel_of_face)
     binding = site_binding(mesh, points.take(is_known), "vertex")
     heard = np.asarray(binding.sum(axis=1))
     away = np.where(heard > 0, binding @ albedo[is_known] / np.maximum(heard, 1e-12) - surface_albedo[owner], 0.0)
