@@ -8,12 +8,15 @@ photographs of a pixel or in none, the diffuse shading is in all of them and is 
 on a compressed scale, so that neither peak nor noise drowns the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
 
 from relight3d.errors import InputError
+from relight3d.maths.bounded_fit import fit_bounded
+from relight3d.maths.decibels import gain_db
 from relight3d.maths.lafortune import tangent_frame
 from relight3d.records import Lobe
 from relight3d.shading import lobe_brdf
@@ -21,6 +24,9 @@ from relight3d.tracing import over_threads
 
 POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
 NUM_COMPARED = 4000  # points of a surface by which kinds of detail are compared
+NUM_JOINT, JOINT_SAMPLES = 2000, 12_000  # points, and pixels of photographs, by which lobes are fitted beside tilts
+JOINT_STEPS = 7
+MAX_RESHAPING = 4.0  # of an exponent
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -36,6 +42,15 @@ class DetailOptions:
     def __post_init__(self) -> None:
         if self.mode not in ("auto", "off", "normal", "lobe"):
             raise InputError("detail.mode", self.mode, "auto, off, normal or lobe")
+
+
+class Choice(NamedTuple):
+    """The detail that left-out photographs prefer, and how well they are predicted with it."""
+
+    mode: str
+    damping: float
+    gain_db: float  # over none
+    error: float  # of the left-out photographs
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +114,22 @@ def misfit(
     """Mean squared compressed error over some photographs, for the choice between kinds of detail."""
     total = weight = 0.0
     for photo in map(int, photos):
-        diffuse, specular = _shade(data, lobes, normal, photo)
-        miss = np.arcsinh((diffuse + gain[:, None] * specular) / white) - np.arcsinh(data.measured[photo] / white)
-        total += float((data.weight[photo][:, None] * np.minimum(miss**2, 0.25)).sum())
+        total += float((_compressed_miss(data, lobes, white, normal, gain[:, None], photo) ** 2).sum())
         weight += 3 * float(data.weight[photo].sum())
     return total / max(weight, 1e-30)
 
 
+def _compressed_miss(data, lobes, white: float, normal: np.ndarray, gain, photo: int) -> Float32[np.ndarray, "point 3"]:
+    """The error of one photograph on the compressed scale, by the root of its weight; no pixel counts for more than 0.5."""
+    diffuse, specular = _shade(data, lobes, normal, photo)
+    miss = np.arcsinh((diffuse + gain * specular) / white) - np.arcsinh(data.measured[photo] / white)
+    return np.sqrt(data.weight[photo])[:, None] * np.clip(miss, -0.5, 0.5)
+
+
 def choose_detail(
     data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, num_folds: int = 3
-) -> tuple[str, float, float]:
-    """Which detail left-out photographs prefer: (mode, damping, dB gained over none)."""
+) -> Choice:
+    """Which detail left-out photographs prefer."""
     num_photos = len(data.measured)
     modes = (
         {"normal": (0.005, 0.02, 0.1, 0.5), "lobe": (0.1,)}
@@ -117,7 +137,7 @@ def choose_detail(
         else {options.mode: (options.damping,)}
     )
     if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
-        return "off", options.damping, 0.0
+        return Choice("off", options.damping, 0.0, np.inf)
     thin = slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED)))
     sample = _points(data, thin)
     plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
@@ -137,8 +157,46 @@ def choose_detail(
     none, *errors = np.reshape(over_threads(error_of, jobs), (-1, num_folds)).sum(axis=1)
     base = dict(zip(tries, errors, strict=True))
     (mode, damping), error = min(base.items(), key=lambda item: item[1])
-    gain_db = 10 * np.log10(max(none, 1e-30) / max(error, 1e-30))
-    return mode, damping, float(gain_db)
+    return Choice(mode, damping, gain_db(none, error), float(error))
+
+
+def lobes_beside_tilts(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, num_folds: int = 3
+) -> tuple[Lobe, ...]:
+    """Lobes whose exponents and peaks predict left-out photographs best with the tilts that each choice of them asks for.
+
+    The tilts are solved anew at every step (variable projection): in turn, lobes follow tilts that follow lobes, and
+    neither gets far. Colours, and the ratios of axes, stay.
+    """
+    num = min(NUM_JOINT, JOINT_SAMPLES // len(data.measured))
+    thin = _points(data, slice(None, None, max(1, -(-len(data.normal) // num))))
+    facing = float(np.median(np.einsum("pi,pi->p", thin.normal, thin.to_viewer)))
+    everything = np.arange(len(data.measured))
+    outs = [everything[fold::num_folds] for fold in range(num_folds)]
+
+    def miss_of(job: tuple) -> np.ndarray:
+        out, trial = job
+        normal = perturb_normals(_photos(thin, np.setdiff1d(everything, out)), trial, white, options)
+        return np.stack([_compressed_miss(thin, trial, white, normal, 1.0, photo) for photo in out.tolist()])
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        trial = tuple(_reshaped(lobe, facing, *each) for lobe, each in zip(lobes, x.reshape(-1, 2), strict=True))
+        return np.concatenate([miss.ravel() for miss in over_threads(miss_of, [(out, trial) for out in outs])])
+
+    limits = np.tile(np.log([MAX_RESHAPING, MAX_RESHAPING**2]), len(lobes))
+    fit = fit_bounded(residual, [np.zeros(len(limits))], -limits, limits, "linear", max_evaluations=JOINT_STEPS, step=0.05)
+    return tuple(_reshaped(lobe, facing, *each) for lobe, each in zip(lobes, fit.value.reshape(-1, 2), strict=True))
+
+
+def _reshaped(lobe: Lobe, facing: float, log_exponent: float, log_peak: float) -> Lobe:
+    """A lobe with exponent and peak changed by factors: what it sends back at most to a viewer at that cosine, which with
+    its energy kept grows as the exponent does.
+    """
+    exponent = lobe.exponent * np.exp(log_exponent)
+    # |C v|: the largest base of a power of eq. (4).
+    base = 1.0 if lobe.is_halfway else np.hypot(lobe.axes[0] * np.sqrt(1 - facing**2), lobe.axes[2] * facing)
+    gain = np.exp(log_peak + log_exponent) * base ** (lobe.exponent - exponent)
+    return replace(lobe, exponent=float(exponent), color=lobe.color * gain)
 
 
 def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.ndarray, np.ndarray]:

@@ -179,7 +179,9 @@ def _with_background(stage: Stage, observed: Observations, model: RelightModel) 
         return model, view
     index = np.full(stage.camera.num_pixels, -1)
     index[stage.points.pixel] = np.arange(len(stage.points))
-    rows = index[np.unique(view.miss_pixel)]
+    # A pixel that shows a part of something as well does not tell what is behind it: it reads the nearest that does.
+    whole = np.setdiff1d(view.miss_pixel, view.points.pixel)
+    rows = index[whole if len(whole) else np.unique(view.miss_pixel)]
     model = replace(model, background=_background(stage, observed, model, rows[rows >= 0]))
     return model, build_view(stage.rays, model, stage.camera)
 

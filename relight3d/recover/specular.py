@@ -162,7 +162,7 @@ def fit_lobes(
     if _seen_at_peak(samples, values, _peaks(samples, refined, frames)).all():
         kept = refined
     lobes = tuple(_lobe(kind, parameters, frames) for kind, parameters in kept)
-    return _within_energy(lobes), last, gain_db(none, best_error)
+    return within_energy(lobes), last, gain_db(none, best_error)
 
 
 def _picked(
@@ -373,7 +373,7 @@ def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
     return np.arcsinh(np.asarray(radiance, np.float64) / white)
 
 
-def _within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
+def within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
     """Lobes scaled so that all together send back no more than they get, for any viewer and colour."""
     sent = sum(lobe.color * largest_albedo(lobe) for lobe in lobes)
     excess = max(float(np.max(sent)) / MAX_ENERGY, 1.0)

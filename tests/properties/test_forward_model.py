@@ -12,7 +12,7 @@ from relight3d.evaluate.truth import true_model
 from relight3d.lights import DirectionalLight, PointLight, SpotLight
 from relight3d.maths.lafortune import lobe_base, lobe_energy, power
 from relight3d.records import Indirect, Lobe, RelightModel
-from relight3d.recover.specular import _within_energy
+from relight3d.recover.specular import within_energy
 from relight3d.relight.relighter import Relighter
 
 # Tracing and a whole frame in each example; the machine is shared.
@@ -91,7 +91,7 @@ def test_anisotropic_lobes_are_reciprocal(light, viewer, exponent, c_x, c_y, alo
 @given(st.lists(st.tuples(st.floats(1.0, 1e4), st.floats(0.5, 1.0), st.floats(1e-3, 1e4)), min_size=1, max_size=3))
 def test_recovered_lobes_keep_to_an_energy_of_one(parameters):
     lobes = tuple(Lobe(np.full(3, color), np.array([-r, -r, 1.0]), n, np.zeros(3)) for n, r, color in parameters)
-    limited = _within_energy(lobes)
+    limited = within_energy(lobes)
     energy = sum(lobe.color.max() * lobe_energy(lobe.axes, lobe.exponent) for lobe in limited)
     assert energy <= 1 + 1e-9
 

@@ -1,5 +1,7 @@
 """Normals tilted from shading: what the photographs say, wherever the points are cut into parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from relight3d.shading import lobe_brdf
 LOBES = (Lobe(np.full(3, 0.3), np.array([-1.0, -1.0, 1.0]), 8.0),)
 
 
-def bumpy(num: int = 400, num_photos: int = 9) -> tuple[detail.DetailData, np.ndarray]:
+def bumpy(num: int = 400, num_photos: int = 9, lobes: tuple[Lobe, ...] = LOBES) -> tuple[detail.DetailData, np.ndarray]:
     """A flat surface with tilted normals, photographed without noise; and those normals."""
     rng = np.random.default_rng(5)
     flat = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (num, 1))
@@ -26,7 +28,7 @@ def bumpy(num: int = 400, num_photos: int = 9) -> tuple[detail.DetailData, np.nd
     for k, way in enumerate(ways):
         to_light = np.broadcast_to(way, flat.shape)
         form = falloff[k] * np.maximum(tilted @ way[0], 0)[:, None]
-        measured[k] = (albedo / np.pi + lobe_brdf(LOBES, tilted, to_light, viewer)) * form
+        measured[k] = (albedo / np.pi + lobe_brdf(lobes, tilted, to_light, viewer)) * form
     weight = np.ones((num_photos, num), np.float32)
     data = detail.DetailData(ways, falloff, measured, np.zeros_like(measured), weight, albedo, flat, viewer)
     return data, tilted
@@ -39,8 +41,8 @@ def test_tilts_are_found() -> None:
         np.degrees(np.arccos(np.clip((each * tilted).sum(axis=1), -1, 1))) for each in (data.normal, found)
     )
     assert np.median(after) < 0.1 * np.median(before)
-    mode, _, gain_db = detail.choose_detail(data, LOBES, 1.0, detail.DetailOptions())
-    assert mode == "normal" and gain_db > 10
+    choice = detail.choose_detail(data, LOBES, 1.0, detail.DetailOptions())
+    assert choice.mode == "normal" and choice.gain_db > 10
 
 
 @pytest.mark.parametrize("num", [1, 37, 400])
@@ -53,5 +55,17 @@ def test_parts_of_points_give_the_same(monkeypatch: pytest.MonkeyPatch, num: int
 
 def test_without_highlights_there_is_no_gain_to_choose() -> None:
     data, _ = bumpy()
-    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions(mode="lobe")) == ("off", 0.02, 0.0)
-    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions())[0] == "normal"
+    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions(mode="lobe")) == ("off", 0.02, 0.0, np.inf)
+    assert detail.choose_detail(data, (), 1.0, detail.DetailOptions()).mode == "normal"
+
+
+def test_a_lobe_is_told_from_the_relief_that_widens_it() -> None:
+    narrow = (replace(LOBES[0], color=np.full(3, 1.5), exponent=60.0),)
+    data, _ = bumpy(num_photos=16, lobes=narrow)
+    wide = (replace(LOBES[0], color=np.full(3, 1.0), exponent=40.0),)
+    options = detail.DetailOptions(damping=0.02)
+    (found,) = detail.lobes_beside_tilts(data, wide, 1.0, options)
+    assert found.exponent == pytest.approx(60.0, rel=0.15)
+    np.testing.assert_allclose(found.color, narrow[0].color, rtol=0.15)
+    before, after = (detail.choose_detail(data, lobes, 1.0, options).error for lobes in (wide, (found,)))
+    assert after < 0.25 * before

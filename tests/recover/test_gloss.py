@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from relight3d.evaluate.run import evaluate
-from relight3d.evaluate.scenes import Material, Scene, hemisphere_lights, scene_camera
-from relight3d.evaluate.shapes import joined, sphere
+from relight3d.evaluate.scenes import Material, Scene, hemisphere_lights, plastic, scene_camera
+from relight3d.evaluate.shapes import box, joined, plane, sphere, transformed
 from relight3d.evaluate.synthetic import synthesize
 from relight3d.records import Capture, Lobe
+from relight3d.recover.rounds import relief
 from relight3d.recover.run import recover
 from relight3d.recover.specular import SpecularOptions
 from tests.plan.models import QUICK
@@ -49,3 +50,16 @@ def test_rough_metal_s_peak_and_foot_are_one_lobe() -> None:
     strongest = max(found.lobes[0], key=lambda lobe: lobe.color.sum())
     assert strongest.is_halfway and strongest.axes[0] == strongest.axes[1]
     assert ours > theirs + 1.0
+
+
+def test_lobes_are_found_with_relief(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of few photographs a wide lobe explains waves and highlights alike, until both are asked for together."""
+    parts = {"table": plane(2.4, 2.0, 6, 5), "box": transformed(box(0.5, 0.4, 0.6), None, (-0.5, 0.1, 0.3))}
+    waves = Material((0.3, 0.25, 0.2), lobes=(plastic(0.8, 40.0), plastic(0.1, 8.0)), relief_slope=0.1, num_waves=16.0)
+    scene = Scene(joined(parts), (waves, Material((0.6, 0.2, 0.15))), scene_camera(80, 60))
+    capture = synthesize(scene, hemisphere_lights(10, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
+    together = recover(capture, QUICK, quiet=True)
+    monkeypatch.setattr(relief, "_lobes_with_relief", lambda stage, observed, mirrors, fitted, *_: fitted)
+    apart = recover(capture, QUICK, quiet=True)
+    ours, theirs = (evaluate(model, capture, baselines=False).model.mean.psnr_db for model in (together, apart))
+    assert ours > theirs + 0.8

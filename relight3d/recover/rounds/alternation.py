@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
 from relight3d.effects import SCENE
 from relight3d.maths.decibels import gain_db
@@ -15,6 +15,8 @@ from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Sta
 from relight3d.recover.rounds.texturing import judge_texture, looks_textured, surface_medians
 
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
+LEAST_OF_SURFACE, LEAST_OF_SCENE = 0.05, 0.002  # of their medians: a panel is no darker
+LEAST_OF_PANEL = 0.02  # of its mean: a pixel is no darker
 FEW_PHOTOGRAPHS = 4  # with fewer, left-out ones may say that the indirect light's fit is worse than none
 NOT_TOLD = "nothing tells it from indirect light"
 ALL_OF_IT_DB = 100.0  # the gain of an effect without which there is nothing
@@ -79,6 +81,7 @@ def _fit_albedo(
         fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
     owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
     mean = surface_medians(albedo, information, owner, num_owners)
+    mean = np.maximum(mean, _least(stage, albedo, information, owner, num_owners))
     # A pixel that was lit faintly, or only grazed, leans on its surface's mean, in the end on what is around it.
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
     told = of_its_own**2 / (of_its_own**2 + faint**2)
@@ -90,6 +93,7 @@ def _fit_albedo(
         is_told = observed.is_interior & (told.min(axis=1) > 0.9)
         around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
         relative[~is_told] += ((1.0 - told) * around)[~is_told].astype(np.float32)
+    relative = np.maximum(relative, np.float32(LEAST_OF_PANEL))
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
     border = diffuse.border_albedo(known.pairs, observed, target, known.smooth, relative, owner, num_owners, options)
     # Light that other surfaces send is as known as the direct, once it is computed; only the rest must be told apart.
@@ -97,12 +101,25 @@ def _fit_albedo(
     joint = _joint(stage, observed, target, weight, light, relative, site_owner, num_owners)
     bound = diffuse.upper_bound(observed, target, weight, light, relative, owner, num_owners)
     scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
+    scale = np.maximum(scale, _least(stage, relative * scale[owner], information, owner, num_owners))
     # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
     albedo = np.minimum(relative * scale[owner], np.maximum(1.0, 2.0 * scale[owner])).astype(np.float32)
     return replace(
         fitted, albedo=albedo, surface_albedo=surface_medians(albedo, information, stage.surface, num), owner=owner,
         border=border, joint=joint, scale_words=words,
     )  # fmt: skip
+
+
+def _least(
+    stage: Stage, albedo: np.ndarray, information: np.ndarray, owner: np.ndarray, num_owners: int
+) -> Float64[np.ndarray, "owner 3"]:
+    """The albedo that an owner has at least: a panel of which photographs tell next to nothing, or that lobes explain whole,
+    would else have none, and its indirect light and its texture no end.
+    """
+    of_surface = surface_medians(albedo, information, stage.surface, stage.surfaces.num_surfaces)
+    surface_of_owner = np.zeros(num_owners, np.int32)
+    surface_of_owner[owner] = stage.surface
+    return np.maximum(LEAST_OF_SURFACE * of_surface[surface_of_owner], LEAST_OF_SCENE * of_surface.max(axis=0))
 
 
 def _fit_indirect(

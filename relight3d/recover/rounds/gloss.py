@@ -2,48 +2,72 @@
 
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
 
+from relight3d.maths.bounded_fit import BoundedFit
 from relight3d.maths.halfway import rigid_field
-from relight3d.records import Mirror, Observations, ShadingPoints
+from relight3d.records import Lobe, Mirror, Observations, ShadingPoints
 from relight3d.recover import specular
-from relight3d.recover.rounds.light import cosine_change, direct_irradiance, lamps, specular_layers
+from relight3d.recover.rounds.light import cosine_change, lamps, specular_layers
 from relight3d.recover.rounds.state import ANY_GAIN, Evidence, Fitted, Stage
 
 log = logging.getLogger("relight3d")
 MIN_INTERIOR = 150  # points off the outlines that a surface's lobes are fitted to alone
 
 
+class Gloss(NamedTuple):
+    """A surface's lobes, their fit, and why they are there or not."""
+
+    lobes: tuple[Lobe, ...]
+    fit: BoundedFit | None
+    evidence: Evidence
+
+
 def fit_gloss(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
     """Which surfaces are glossy (1.1.2), and their lobes."""
-    matte = (
-        fitted.albedo / np.float32(np.pi) * (direct_irradiance(stage, observed, mirrors, fitted) + fitted.irradiance)
-    )
-    lobes, fits, evidence = [], [], dict(fitted.evidence)
     for s in range(stage.surfaces.num_surfaces):
-        mine = np.flatnonzero((stage.surface == s) & stage.is_matte & observed.is_interior)
-        if len(mine) < MIN_INTERIOR:  # a small surface is all outline: better its mixed pixels than none
-            mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
-        samples = _lobe_samples(stage, observed, mirrors, fitted, matte, mine)
-        excess, scatter = specular.glossy_excess(samples, stage.white)
-        found, fit, gain, options = (), None, 0.0, stage.options.specular
-        if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
-            if ("lobes", s) in stage.forced:
-                options = replace(options, min_gain_db=ANY_GAIN)
-            found, fit, gain = specular.fit_lobes(samples, stage.white, _frames(stage, s), options)
-        reason = f"{excess:.1f} scatters brighter than predicted near the mirror direction"
-        evidence["lobes", s] = Evidence(gain, stage.options.specular.min_gain_db, reason)
-        lobes.append(found)
-        fits.append(fit)
-        log.debug("%s: %s (scatter %.4f), %d lobes", stage.surfaces.names[s], reason, scatter, len(found))
-    fitted = replace(fitted, lobes=tuple(lobes), lobe_fits=tuple(fits), evidence=evidence)
+        mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
+        fitted = with_gloss(fitted, s, gloss_of(stage, observed, mirrors, fitted, s, mine))
     return replace(fitted, specular=specular_layers(stage, observed, mirrors, fitted))
 
 
+def gloss_of(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, s: int, mine: np.ndarray
+) -> Gloss:
+    """A surface's lobes by some of its points and their normals as they are now."""
+    inside = mine[observed.is_interior[mine]]
+    if len(inside) >= MIN_INTERIOR:  # a small surface is all outline: better its mixed pixels than none
+        mine = inside
+    samples = _lobe_samples(stage, observed, mirrors, fitted, mine)
+    excess, scatter = specular.glossy_excess(samples, stage.white)
+    found, fit, gain, options = (), None, 0.0, stage.options.specular
+    if stage.forced.get(("lobes", s), excess > options.excess_sigmas or bool(fitted.lobes[s])):
+        if ("lobes", s) in stage.forced:
+            options = replace(options, min_gain_db=ANY_GAIN)
+        found, fit, gain = specular.fit_lobes(samples, stage.white, _frames(stage, s), options)
+    reason = f"{excess:.1f} scatters brighter than predicted near the mirror direction"
+    log.debug("%s: %s (scatter %.4f), %d lobes", stage.surfaces.names[s], reason, scatter, len(found))
+    return Gloss(found, fit, Evidence(gain, stage.options.specular.min_gain_db, reason))
+
+
+def with_lobes(fitted: Fitted, s: int, lobes: tuple[Lobe, ...]) -> Fitted:
+    """What is fitted with other lobes of one surface; what they send is not computed anew."""
+    return replace(fitted, lobes=tuple(lobes if k == s else each for k, each in enumerate(fitted.lobes)))
+
+
+def with_gloss(fitted: Fitted, s: int, gloss: Gloss) -> Fitted:
+    """What is fitted with a surface's new lobes, their fit and their evidence."""
+    fits: list[BoundedFit | None] = [*fitted.lobe_fits] or [None] * len(fitted.lobes)
+    fits[s] = gloss.fit
+    evidence = {**fitted.evidence, ("lobes", s): gloss.evidence}
+    return replace(with_lobes(fitted, s, gloss.lobes), lobe_fits=tuple(fits), evidence=evidence)
+
+
 def _lobe_samples(
-    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, matte, mine
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, mine: np.ndarray
 ) -> specular.LobeSamples:
     """Samples of a surface under one light each and its images in mirrors, evenly over the angle to the mirror direction:
     the narrow peak is heard as much as the wide rest.
@@ -69,7 +93,7 @@ def _lobe_samples(
         to_viewer=stage.points.to_viewer[point].astype(np.float64),
         form=form,
         measured=observed.radiance[photo, point].astype(np.float64),
-        explained=matte[photo, point].astype(np.float64),
+        explained=fitted.albedo[point] / np.pi * (form.sum(axis=1) + fitted.irradiance[photo, point]),
         weight=np.ones(len(photo)),
         position=stage.points.position[point].astype(np.float64),
     )

@@ -4,17 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 
+from relight3d.maths.decibels import gain_db
 from relight3d.records import Mirror, Observations
-from relight3d.recover import detail
+from relight3d.recover import detail, specular
+from relight3d.recover.rounds.gloss import gloss_of, with_gloss, with_lobes
 from relight3d.recover.rounds.light import lamps, shine, specular_layers, strongest
 from relight3d.recover.rounds.state import ANY_GAIN, EDGE_TRUST, Evidence, Fitted, Stage
+
+NUM_TOGETHER = 4000  # points of a surface by which its lobes are found with its relief
+MAX_TURNS = 3
+LEAST_DAMPING = 0.005
 
 
 def fit_detail(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted) -> Fitted:
     """Normals or lobe gains per pixel (1.3), surface by surface, where left-out photographs gain by them."""
     general = stage.options.detail
     normal, gain = stage.points.normal.copy(), np.ones(len(stage.points), np.float32)
-    evidence = dict(fitted.evidence)
+    evidence = {}
     for s in range(stage.surfaces.num_surfaces):
         mine, options = np.flatnonzero((stage.surface == s) & stage.is_matte), general
         if ("detail", s) in stage.forced and general.mode == "auto":
@@ -22,17 +28,65 @@ def fit_detail(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...]
         if len(mine) < 30 or options.mode == "off" or not stage.forced.get(("detail", s), True):
             continue
         data = _detail_data(stage, observed, mirrors, fitted, s, mine)
-        mode, damping, gain_db = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
-        evidence["detail", s] = Evidence(gain_db, general.min_gain_db, f"{mode}, damping {damping:g}")
-        if gain_db < options.min_gain_db:
+        choice = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
+        if choice.mode == "normal" and choice.gain_db >= options.min_gain_db and fitted.lobes[s]:
+            found_by = replace(options, mode="normal", damping=choice.damping)
+            fitted = _lobes_with_relief(stage, observed, mirrors, fitted, s, found_by)
+            data = _detail_data(stage, observed, mirrors, fitted, s, mine)
+            choice = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
+        evidence["detail", s] = Evidence(
+            choice.gain_db, general.min_gain_db, f"{choice.mode}, damping {choice.damping:g}"
+        )
+        if choice.gain_db < options.min_gain_db:
             continue
-        if mode == "normal":
-            normal[mine] = detail.perturb_normals(data, fitted.lobes[s], stage.white, options, damping)
-        elif mode == "lobe":
+        if choice.mode == "normal":
+            normal[mine] = detail.perturb_normals(data, fitted.lobes[s], stage.white, options, choice.damping)
+        elif choice.mode == "lobe":
             gain[mine] = detail.lobe_gains(data, fitted.lobes[s], stage.white, options)
     changed = bool((normal != stage.points.normal).any())
-    fitted = replace(fitted, normal=normal if changed else stage.points.normal, lobe_gain=gain, evidence=evidence)
+    normal, evidence = normal if changed else stage.points.normal, {**fitted.evidence, **evidence}
+    fitted = replace(fitted, normal=normal, lobe_gain=gain, evidence=evidence)
     return replace(fitted, specular=specular_layers(stage, observed, mirrors, fitted))
+
+
+def _lobes_with_relief(
+    stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...], fitted: Fitted, s: int,
+    options: detail.DetailOptions,
+) -> Fitted:  # fmt: skip
+    """A surface's lobes, while left-out photographs gain by it: picked anew by tilted normals, then reshaped with them.
+
+    Relief that is not known yet makes highlights look wide, and a wide lobe leaves relief nothing to explain.
+    """
+    mine = np.flatnonzero((stage.surface == s) & stage.is_matte)
+    mine, min_gain_db = mine[:: max(1, -(-len(mine) // NUM_TOGETHER))], stage.options.detail.min_gain_db
+
+    def data_of(trial: Fitted) -> detail.DetailData:
+        return _detail_data(stage, observed, mirrors, trial, s, mine)
+
+    def left_out(trial: Fitted, damping: float) -> detail.Choice:
+        # The better the lobes, the more of a tilt is believed.
+        data, dampings = data_of(trial), {damping, max(damping / 4, LEAST_DAMPING)}
+        given = (data, trial.lobes[s], stage.white)
+        tried = [detail.choose_detail(*given, replace(options, damping=each)) for each in sorted(dampings)]
+        return min(tried, key=lambda each: each.error)
+
+    best = left_out(fitted, options.damping)
+    for _ in range(MAX_TURNS):
+        normal = stage.points.normal.copy()
+        normal[mine] = detail.perturb_normals(data_of(fitted), fitted.lobes[s], stage.white, options, best.damping)
+        found = gloss_of(stage, observed, mirrors, replace(fitted, normal=normal), s, mine)
+        trial = with_gloss(fitted, s, found)
+        tried = left_out(trial, best.damping)
+        if gain_db(best.error, tried.error) < min_gain_db:
+            break
+        fitted, best = trial, tried
+    if not fitted.lobes[s]:
+        return fitted
+    options = replace(options, damping=best.damping)
+    lobes = detail.lobes_beside_tilts(data_of(fitted), fitted.lobes[s], stage.white, options)
+    trial = with_lobes(fitted, s, specular.within_energy(lobes))
+    tried = left_out(trial, best.damping)
+    return trial if gain_db(best.error, tried.error) >= min_gain_db else fitted
 
 
 def _detail_data(
