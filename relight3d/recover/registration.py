@@ -23,11 +23,13 @@ from scipy.spatial.transform import Rotation
 from relight3d.camera import Camera
 from relight3d.errors import InputError
 from relight3d.maths.blur import blur_known
+from relight3d.maths.decibels import gain_db
 from relight3d.maths.least_squares import robust_scale, robust_weights
 from relight3d.records import Mirror, Observations, TriangleMesh
 from relight3d.recover.rounds.alternation import dark_weights
 from relight3d.recover.rounds.light import direct_irradiance
 from relight3d.recover.rounds.state import Fitted, Stage
+from relight3d.recover.visible import display_error
 
 log = logging.getLogger("relight3d")
 BLURS_PX = (1.0, 2.0, 4.0)  # of photographs and predictions: a gradient says what a shift of about so much does
@@ -51,6 +53,7 @@ class RegistrationOptions:
     min_certainty: float = 4.0  # times its own standard error
     max_shift_px: float = 8.0  # further is not believed: pixels would be compared with strangers
     min_gain_db: float = 0.05  # of the misfit, for a mesh to stay where it was moved
+    max_loss_db: float = 0.5  # of all that photographs are missed by, which may hide a small motion
     max_steps: int = 5  # fits, each after another motion
 
     def __post_init__(self) -> None:
@@ -60,7 +63,7 @@ class RegistrationOptions:
             raise InputError("registration.min_shift_px", self.min_shift_px, "more than 0, less than max_shift_px")
         if not self.max_shift_px <= 100:
             raise InputError("registration.max_shift_px", self.max_shift_px, "100 at most")
-        for name in ("settled_px", "min_certainty", "min_gain_db"):
+        for name in ("settled_px", "min_certainty", "min_gain_db", "max_loss_db"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise InputError(f"registration.{name}", getattr(self, name), "a number of 0 or more")
         if not 1 <= self.max_steps <= 50:
@@ -82,6 +85,7 @@ class Misplacement:
     unit: Float64[np.ndarray, "6"]  # radians and lengths of one pixel
     misfit: float  # mean square of what is missed, as far as no albedo explains it; relative radiance
     scale: float  # the size of an ordinary miss
+    missed: float = 0.0  # of the photographs, by all that is fitted, as a display shows it
 
     @property
     def shift_px(self) -> float:
@@ -128,7 +132,7 @@ def place(
     """Fit, see where the photographs show the mesh, move it there and fit again, while that helps.
 
     `measure` is told the ordinary size of the first fit's misses, so that misfits compare. The best of the fits is
-    kept, the first unless another misses the photographs by less (`min_gain_db`).
+    kept, the first unless another misses by less what no albedo explains (`min_gain_db`), and not by more all in all.
     """
     first = fit(mesh)
     found = None if options.method == "off" else measure(first, None)
@@ -148,13 +152,15 @@ def place(
         if now is None:
             break
         to_go.append(now.shift_px)
-        if now.misfit < least:
+        # What no albedo explains is not all that is missed: at a wrong place albedos take up more, and badly.
+        is_worse = gain_db(begin.missed, now.missed) < -options.max_loss_db
+        if now.misfit < least and not is_worse:
             best, least = Placed(here, fitted), now.misfit
         share, is_nearer = now.share_shown(found, step), now.shift_px < found.shift_px
         found = now
         if found.shift_px < options.settled_px * share or not is_nearer:
             break
-    gain = 10 * np.log10(begin.misfit / max(least, 1e-30))
+    gain = gain_db(begin.misfit, least)
     log.info("registration: %s px to go; %.2f dB", ", ".join(f"{px:.2f}" for px in to_go), gain)
     if best.mesh is mesh or gain < options.min_gain_db:
         return Placed(mesh, first)
@@ -211,7 +217,7 @@ def misplacement(
         if again is None or again.shift_px < found.shift_px or not again.is_clear(options):
             break
         found = replace(again, misfit=sharp.misfit, scale=sharp.scale)
-    return found
+    return found and replace(found, missed=display_error(stage, observed, mirrors, fitted))
 
 
 def _estimate(

@@ -7,6 +7,9 @@ from relight3d.records import Mirror
 from relight3d.recover.mesh import MeshOptions
 from relight3d.recover.mirror import EdgeTest, MirrorOptions, doubtful
 from relight3d.recover.run import RecoverOptions, recover
+from relight3d.shading import ray_scene
+from relight3d.views import build_view
+from tests.plan.models import rich_model
 from tests.scenes import desk_capture
 
 QUICK = RecoverOptions(mesh=MeshOptions(target_faces=1200), num_rounds=1, num_alternations=2, prices=False)
@@ -52,3 +55,12 @@ def test_edges_tell_likely_mirrors_from_sure_ones(score: float, chance: float, i
     )
     assert doubtful(mirrors, [test], options) == (set() if is_sure else {3})
     assert doubtful(mirrors[:1], [test], options) == set()
+
+
+def test_the_surroundings_are_told_by_pixels_that_show_nothing_else() -> None:
+    """A pixel on the border of what a mirror shows, or of the mirror, would light up other viewpoints' mirrors."""
+    model = rich_model()
+    view = build_view(ray_scene(model.mesh), model, model.camera)
+    assert model.background is not None and len(model.background.pixel)
+    assert np.isin(view.miss_pixel, view.points.pixel).any()
+    assert not np.isin(model.background.pixel, view.points.pixel).any()

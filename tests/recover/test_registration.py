@@ -12,8 +12,10 @@ from relight3d.errors import InputError
 from relight3d.evaluate.disturb import with_few_lights, with_light_error, with_misplaced_mesh, with_noise
 from relight3d.io.capture import load_capture
 from relight3d.records import Capture, RelightModel
+from relight3d.recover.mesh import MeshOptions
 from relight3d.recover.registration import Misplacement, RegistrationOptions, misplacement, place
 from relight3d.recover.run import Clock, RecoverOptions, begin, recover, register
+from tests.scenes import metal_capture
 
 TINY = Path(__file__).resolve().parents[2] / "data" / "desk_tiny"
 
@@ -158,3 +160,9 @@ def test_lights_off_and_spoilt_photographs_do_not_count():
 def test_options_out_of_range_are_refused(options: dict):
     with pytest.raises(InputError, match="registration"):
         RegistrationOptions(**options)
+
+
+def test_a_mesh_in_its_place_stays_there_beside_dark_metal() -> None:
+    """Metal without an albedo: what no albedo explains of it falls as the mesh leaves its place, and all else rises."""
+    options = RecoverOptions(mesh=MeshOptions(target_faces=2000), num_alternations=2)
+    assert register(metal_capture(0.0), options, Clock(None, 9)).notes == ()
