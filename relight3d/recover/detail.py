@@ -5,7 +5,8 @@ over. Where no photograph says anything the perturbation stays zero.
 
 Differs from the paper: the diffuse term takes part as well as the lobe (trap 17). Highlights are in one or two
 photographs of a pixel or in none, the diffuse shading is in all of them and is linear in the normal; both are used,
-on a compressed scale, so that neither peak nor noise drowns the other.
+on a compressed scale, so that neither peak nor noise drowns the other. And lobes may be reshaped together with the
+perturbation, which widens the highlights that they are fitted to.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
 NUM_COMPARED = 4000  # points of a surface by which kinds of detail are compared
 NUM_JOINT, JOINT_SAMPLES = 2000, 12_000  # points, and pixels of photographs, by which lobes are fitted beside tilts
 JOINT_STEPS = 7
-MAX_RESHAPING = 4.0  # of an exponent
+MAX_RESHAPING, MAX_EXPONENT = 4.0, 1e4  # factor of an exponent, and where it ends
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -165,12 +166,12 @@ def lobes_beside_tilts(
 ) -> tuple[Lobe, ...]:
     """Lobes whose exponents and peaks predict left-out photographs best with the tilts that each choice of them asks for.
 
-    The tilts are solved anew at every step (variable projection): in turn, lobes follow tilts that follow lobes, and
-    neither gets far. Colours, and the ratios of axes, stay.
+    The tilts are solved anew at every step (the variable projection of Golub and Pereyra, 1973): solved in turn, lobes
+    follow tilts that follow lobes, and neither gets far. Hues, and the ratios of axes, stay.
     """
-    num = min(NUM_JOINT, JOINT_SAMPLES // len(data.measured))
+    num = max(1, min(NUM_JOINT, JOINT_SAMPLES // len(data.measured)))
     thin = _points(data, slice(None, None, max(1, -(-len(data.normal) // num))))
-    facing = float(np.median(np.einsum("pi,pi->p", thin.normal, thin.to_viewer)))
+    facing = float(np.clip(np.median(np.einsum("pi,pi->p", thin.normal, thin.to_viewer)), 0.0, 1.0))
     everything = np.arange(len(data.measured))
     outs = [everything[fold::num_folds] for fold in range(num_folds)]
 
@@ -192,11 +193,11 @@ def _reshaped(lobe: Lobe, facing: float, log_exponent: float, log_peak: float) -
     """A lobe with exponent and peak changed by factors: what it sends back at most to a viewer at that cosine, which with
     its energy kept grows as the exponent does.
     """
-    exponent = lobe.exponent * np.exp(log_exponent)
+    exponent = min(lobe.exponent * np.exp(log_exponent), max(lobe.exponent, MAX_EXPONENT))
     # |C v|: the largest base of a power of eq. (4).
     base = 1.0 if lobe.is_halfway else np.hypot(lobe.axes[0] * np.sqrt(1 - facing**2), lobe.axes[2] * facing)
-    gain = np.exp(log_peak + log_exponent) * base ** (lobe.exponent - exponent)
-    return replace(lobe, exponent=float(exponent), color=lobe.color * gain)
+    log_gain = log_peak + log_exponent + (lobe.exponent - exponent) * np.log(max(base, 1e-6))
+    return replace(lobe, exponent=float(exponent), color=lobe.color * np.exp(np.clip(log_gain, -50.0, 50.0)))
 
 
 def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.ndarray, np.ndarray]:

@@ -69,3 +69,11 @@ def test_a_lobe_is_told_from_the_relief_that_widens_it() -> None:
     np.testing.assert_allclose(found.color, narrow[0].color, rtol=0.15)
     before, after = (detail.choose_detail(data, lobes, 1.0, options).error for lobes in (wide, (found,)))
     assert after < 0.25 * before
+
+
+@pytest.mark.parametrize("exponent, axis", [(1e4, 0.5), (1e4, 1.5), (0.5, 1e-3)])
+def test_extreme_lobes_stay_finite(exponent: float, axis: float) -> None:
+    data, _ = bumpy(num=50)
+    lobes = (replace(LOBES[0], axes=np.array([-1.0, -1.0, axis]), exponent=exponent),)
+    (found,) = detail.lobes_beside_tilts(data, lobes, 1.0, detail.DetailOptions())
+    assert np.isfinite(found.color).all() and 0 < found.exponent <= 1e4
