@@ -207,20 +207,24 @@ def _normal_equations(data, lobes, white, tangent, bitangent, tilt) -> tuple[np.
 
     def add(part: slice) -> None:
         normals = [_tilted(data.normal[part], tangent[part], bitangent[part], tilt[part] + side) for side in sides]
-        for photo in range(len(data.measured)):
-            # Where no light falls, or nothing is known, a tilt changes nothing.
-            at = np.flatnonzero((data.weight[photo, part] > 0) & (data.falloff[photo, part] > 0).any(axis=1))
+        num = part.stop - part.start
+        # Where no light falls, or nothing is known, a tilt changes nothing.
+        matters = (data.weight[:, part] > 0) & (data.falloff[:, part] > 0).any(axis=2)
+        at_once = max(1, POINTS // num)  # of few points, several photographs
+        for first in range(0, len(matters), at_once):
+            photo, at = np.nonzero(matters[first : first + at_once])
             if len(at) == 0:
                 continue
-            known = _points(_photos(data, slice(photo, photo + 1)), part.start + at)
+            known = _entries(data, first + photo, part.start + at)
             value, *moved = (sum(_shade(known, lobes, normal[at], 0)) for normal in normals)
             slope_t, slope_b = ((each - value) / sides[1, 0] for each in moved)
             miss, slope = known.measured[0] - value, _slope(known.measured[0], white)
             # Robust on the compressed scale: a wrong shadow is a miss that no small tilt can explain.
             calm = slope * known.weight[0][:, None] / np.maximum(1.0, np.abs(miss) * np.sqrt(slope) / 0.15)
-            products = ((slope_t, slope_t), (slope_t, slope_b), (slope_b, slope_b))
-            gram[part.start + at] += np.stack([(calm * p * q).sum(1) for p, q in products], 1)
-            moment[part.start + at] += np.stack([(calm * each * miss).sum(1) for each in (slope_t, slope_b)], 1)
+            for k, (p, q) in enumerate(((slope_t, slope_t), (slope_t, slope_b), (slope_b, slope_b))):
+                gram[part, k] += np.bincount(at, (calm * p * q).sum(axis=1), num)
+            for k, each in enumerate((slope_t, slope_b)):
+                moment[part, k] += np.bincount(at, (calm * each * miss).sum(axis=1), num)
 
     over_threads(add, [slice(k, min(k + POINTS, len(tilt))) for k in range(0, len(tilt), POINTS)])
     return gram, moment
@@ -254,6 +258,15 @@ def _points(data: DetailData, part: slice | np.ndarray) -> DetailData:
     per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
     per_point["position"] = None if data.position is None else data.position[part]
     return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
+
+
+def _entries(data: DetailData, photo: np.ndarray, point: np.ndarray) -> DetailData:
+    """Some points, each of one photograph, as the points of a single one."""
+    per_photo = {n: getattr(data, n)[photo, point][None] for n in ("falloff", "measured", "other", "weight")}
+    to_light = data.to_light[photo, point if data.to_light.shape[1] > 1 else 0][None]
+    per_point = {n: getattr(data, n)[point] for n in ("albedo", "normal", "to_viewer")}
+    per_point["position"] = None if data.position is None else data.position[point]
+    return DetailData(to_light=to_light, **per_photo, **per_point)
 
 
 def _photos(data: DetailData, photos: slice | np.ndarray) -> DetailData:

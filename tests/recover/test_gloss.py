@@ -58,6 +58,7 @@ def test_lobes_are_found_with_relief(monkeypatch: pytest.MonkeyPatch) -> None:
     waves = Material((0.3, 0.25, 0.2), lobes=(plastic(0.8, 40.0), plastic(0.1, 8.0)), relief_slope=0.1, num_waves=16.0)
     scene = Scene(joined(parts), (waves, Material((0.6, 0.2, 0.15))), scene_camera(80, 60))
     capture = synthesize(scene, hemisphere_lights(10, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
+    monkeypatch.setattr(relief, "MIN_TOGETHER", 0)
     together = recover(capture, QUICK, quiet=True)
     monkeypatch.setattr(relief, "_lobes_with_relief", lambda stage, observed, mirrors, fitted, *_: fitted)
     apart = recover(capture, QUICK, quiet=True)

@@ -11,7 +11,8 @@ from relight3d.recover.rounds.gloss import gloss_of, with_gloss, with_lobes
 from relight3d.recover.rounds.light import lamps, shine, specular_layers, strongest
 from relight3d.recover.rounds.state import ANY_GAIN, EDGE_TRUST, Evidence, Fitted, Stage
 
-NUM_TOGETHER = 4000  # points of a surface by which its lobes are found with its relief
+MIN_TOGETHER = 4000  # points of a surface whose lobes are found with its relief: of fewer, too few see a narrow lobe
+NUM_TOGETHER = 4000  # of them that are used
 MAX_TURNS = 3
 LEAST_DAMPING = 0.005
 
@@ -29,7 +30,8 @@ def fit_detail(stage: Stage, observed: Observations, mirrors: tuple[Mirror, ...]
             continue
         data = _detail_data(stage, observed, mirrors, fitted, s, mine)
         choice = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
-        if choice.mode == "normal" and choice.gain_db >= options.min_gain_db and fitted.lobes[s]:
+        is_told = len(mine) >= MIN_TOGETHER and choice.mode == "normal" and choice.gain_db >= options.min_gain_db
+        if is_told and fitted.lobes[s]:
             found_by = replace(options, mode="normal", damping=choice.damping)
             fitted = _lobes_with_relief(stage, observed, mirrors, fitted, s, found_by)
             data = _detail_data(stage, observed, mirrors, fitted, s, mine)
