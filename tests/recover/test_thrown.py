@@ -136,7 +136,7 @@ def test_lobes_and_detail_are_fitted_to_what_is_predicted(in_shadow: bool) -> No
     matte, shine = fitted.albedo / np.float32(np.pi) * light, specular_layers(stage, observed, mirrors, fitted)
     observed = replace(observed, radiance=matte + shine)
     mine = np.flatnonzero((stage.surface == TABLE) & observed.is_interior)
-    samples = _lobe_samples(stage, observed, mirrors, fitted, matte, mine)
+    samples = _lobe_samples(stage, observed, mirrors, fitted, mine)
     assert len(samples.photo) > 100 and (in_shadow or samples.is_lit.all(axis=1).any())
     np.testing.assert_allclose(_model(samples, (GLOSS,)), samples.measured, rtol=1e-4, atol=1e-5)
     data = _detail_data(stage, observed, mirrors, fitted, TABLE, mine)
