@@ -8,6 +8,8 @@ the highlight off the mirror direction at grazing angles. The base is <= 1 as |C
 import numpy as np
 from jaxtyping import Float
 
+MAX_EXPONENT = 1e4  # of a lobe that is fitted
+
 
 def tangent_frame(
     normal: Float[np.ndarray, "*axes 3"], along: Float[np.ndarray, "*#axes 3"] | None = None

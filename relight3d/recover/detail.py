@@ -18,7 +18,7 @@ from jaxtyping import Float32
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import fit_bounded
 from relight3d.maths.decibels import gain_db
-from relight3d.maths.lafortune import tangent_frame
+from relight3d.maths.lafortune import MAX_EXPONENT, tangent_frame
 from relight3d.records import Lobe
 from relight3d.shading import lobe_brdf
 from relight3d.tracing import over_threads
@@ -27,7 +27,7 @@ POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
 NUM_COMPARED = 4000  # points of a surface by which kinds of detail are compared
 NUM_JOINT, JOINT_SAMPLES = 2000, 12_000  # points, and pixels of photographs, by which lobes are fitted beside tilts
 JOINT_STEPS = 7
-MAX_RESHAPING, MAX_EXPONENT = 4.0, 1e4  # factor of an exponent, and where it ends
+MAX_RESHAPING = 4.0  # of an exponent
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -128,14 +128,15 @@ def _compressed_miss(data, lobes, white: float, normal: np.ndarray, gain, photo:
 
 
 def choose_detail(
-    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, num_folds: int = 3
-) -> Choice:
-    """Which detail left-out photographs prefer."""
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, num_folds: int = 3,
+    dampings: tuple[float, ...] = (),
+) -> Choice:  # fmt: skip
+    """Which detail left-out photographs prefer; of one mode, with the damping of the options or the best of `dampings`."""
     num_photos = len(data.measured)
     modes = (
         {"normal": (0.005, 0.02, 0.1, 0.5), "lobe": (0.1,)}
         if options.mode == "auto"
-        else {options.mode: (options.damping,)}
+        else {options.mode: dampings or (options.damping,)}
     )
     if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
         return Choice("off", options.damping, 0.0, np.inf)

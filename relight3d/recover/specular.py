@@ -19,11 +19,11 @@ from jaxtyping import Bool, Float32, Float64
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import BoundedFit, fit_bounded
 from relight3d.maths.decibels import gain_db
+from relight3d.maths.lafortune import MAX_EXPONENT
 from relight3d.maths.least_squares import Status, robust_scale
 from relight3d.records import Lobe
 from relight3d.shading import largest_albedo, lobe_brdf
 
-MAX_EXPONENT = 1e4
 MAX_ENERGY = 1.0
 MIN_NEAR_PEAK, PEAK_SHARE = 10, 0.5  # so many samples must see a lobe at this share of its peak
 REFINED_SAMPLES = 2_200  # for at most 21 parameters

@@ -77,3 +77,6 @@ def test_extreme_lobes_stay_finite(exponent: float, axis: float) -> None:
     lobes = (replace(LOBES[0], axes=np.array([-1.0, -1.0, axis]), exponent=exponent),)
     (found,) = detail.lobes_beside_tilts(data, lobes, 1.0, detail.DetailOptions())
     assert np.isfinite(found.color).all() and 0 < found.exponent <= 1e4
+    for side in (-1, 1):  # the ends of what the fit may try
+        tried = detail._reshaped(lobes[0], 0.8, side * np.log(4.0), side * np.log(16.0))
+        assert np.isfinite(tried.color).all() and 0 < tried.exponent <= 1e4

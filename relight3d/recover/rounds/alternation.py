@@ -76,12 +76,14 @@ def _fit_albedo(
     of_its_own, information = information / edge_trust(observed), information * edge_trust(observed)
     if is_first:
         fitted = replace(fitted, is_textured=looks_textured(stage, observed, direct, albedo, num))
+    of_surface = surface_medians(albedo, information, stage.surface, num)
     if judges_texture:
-        mean = surface_medians(albedo, information, stage.surface, num)
-        fitted = judge_texture(stage, observed, target, weight, direct, albedo, mean, fitted)
+        fitted = judge_texture(stage, observed, target, weight, direct, albedo, of_surface, fitted)
     owner, site_owner, num_owners = _owners(stage, fitted.is_textured)
     mean = surface_medians(albedo, information, owner, num_owners)
-    mean = np.maximum(mean, _least(stage, albedo, information, owner, num_owners))
+    surface_of_owner = np.zeros(num_owners, np.int32)
+    surface_of_owner[owner] = stage.surface
+    mean = np.maximum(mean, _least(of_surface)[surface_of_owner])
     # A pixel that was lit faintly, or only grazed, leans on its surface's mean, in the end on what is around it.
     faint = MIN_INFORMATION * np.median(information[information > 0]) if (information > 0).any() else 1.0
     told = of_its_own**2 / (of_its_own**2 + faint**2)
@@ -101,7 +103,8 @@ def _fit_albedo(
     joint = _joint(stage, observed, target, weight, light, relative, site_owner, num_owners)
     bound = diffuse.upper_bound(observed, target, weight, light, relative, owner, num_owners)
     scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
-    scale = np.maximum(scale, _least(stage, relative * scale[owner], information, owner, num_owners))
+    of_surface = surface_medians(relative * scale[owner], information, stage.surface, num)
+    scale = np.maximum(scale, _least(of_surface)[surface_of_owner])
     # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
     albedo = np.minimum(relative * scale[owner], np.maximum(1.0, 2.0 * scale[owner])).astype(np.float32)
     return replace(
@@ -110,16 +113,11 @@ def _fit_albedo(
     )  # fmt: skip
 
 
-def _least(
-    stage: Stage, albedo: np.ndarray, information: np.ndarray, owner: np.ndarray, num_owners: int
-) -> Float64[np.ndarray, "owner 3"]:
-    """The albedo that an owner has at least: a panel of which photographs tell next to nothing, or that lobes explain whole,
-    would else have none, and its indirect light and its texture no end.
+def _least(of_surface: Float64[np.ndarray, "surface 3"]) -> Float64[np.ndarray, "surface 3"]:
+    """The albedo that each panel of a surface has at least: one of which photographs tell next to nothing, or that lobes
+    explain whole, would else have none, and its indirect light and its texture no end.
     """
-    of_surface = surface_medians(albedo, information, stage.surface, stage.surfaces.num_surfaces)
-    surface_of_owner = np.zeros(num_owners, np.int32)
-    surface_of_owner[owner] = stage.surface
-    return np.maximum(LEAST_OF_SURFACE * of_surface[surface_of_owner], LEAST_OF_SCENE * of_surface.max(axis=0))
+    return np.maximum(LEAST_OF_SURFACE * of_surface, LEAST_OF_SCENE * of_surface.max(axis=0))
 
 
 def _fit_indirect(

@@ -65,29 +65,29 @@ def _lobes_with_relief(
     def data_of(trial: Fitted) -> detail.DetailData:
         return _detail_data(stage, observed, mirrors, trial, s, mine)
 
-    def left_out(trial: Fitted, damping: float) -> detail.Choice:
+    def left_out(data: detail.DetailData, trial: Fitted, damping: float) -> detail.Choice:
         # The better the lobes, the more of a tilt is believed.
-        data, dampings = data_of(trial), {damping, max(damping / 4, LEAST_DAMPING)}
-        given = (data, trial.lobes[s], stage.white)
-        tried = [detail.choose_detail(*given, replace(options, damping=each)) for each in sorted(dampings)]
-        return min(tried, key=lambda each: each.error)
+        dampings = tuple(sorted({damping, max(damping / 4, LEAST_DAMPING)}))
+        return detail.choose_detail(data, trial.lobes[s], stage.white, options, dampings=dampings)
 
-    best = left_out(fitted, options.damping)
+    data = data_of(fitted)
+    best = left_out(data, fitted, options.damping)
     for _ in range(MAX_TURNS):
         normal = stage.points.normal.copy()
-        normal[mine] = detail.perturb_normals(data_of(fitted), fitted.lobes[s], stage.white, options, best.damping)
+        normal[mine] = detail.perturb_normals(data, fitted.lobes[s], stage.white, options, best.damping)
         found = gloss_of(stage, observed, mirrors, replace(fitted, normal=normal), s, mine)
         trial = with_gloss(fitted, s, found)
-        tried = left_out(trial, best.damping)
+        trial_data = data_of(trial)
+        tried = left_out(trial_data, trial, best.damping)
         if gain_db(best.error, tried.error) < min_gain_db:
             break
-        fitted, best = trial, tried
+        fitted, data, best = trial, trial_data, tried
     if not fitted.lobes[s]:
         return fitted
     options = replace(options, damping=best.damping)
-    lobes = detail.lobes_beside_tilts(data_of(fitted), fitted.lobes[s], stage.white, options)
+    lobes = detail.lobes_beside_tilts(data, fitted.lobes[s], stage.white, options)
     trial = with_lobes(fitted, s, specular.within_energy(lobes))
-    tried = left_out(trial, best.damping)
+    tried = left_out(data_of(trial), trial, best.damping)
     return trial if gain_db(best.error, tried.error) >= min_gain_db else fitted
 
 
