@@ -17,16 +17,16 @@ from relight3d.relight.light_rows import light_row
 from relight3d.relight.lobe_kernels import NUM_ROWS
 from relight3d.relight.modes import LANES, NO_ROWS
 from relight3d.relight.options import RelightOptions
-from relight3d.relight.shade_kernels import NUM_IMAGE_COLUMNS
+from relight3d.relight.residual_kernels import NUM_PIXEL_ROWS
 from relight3d.relight.shadows import Shadows
 from relight3d.relight.site_light import SiteLight
-from relight3d.relight.tiles import counting, tiles
+from relight3d.relight.tiles import counting
 from relight3d.shading import mirrored_light, residual_kernel
-from relight3d.tracing import RayScene, over_threads
+from relight3d.tracing import RayScene
 from relight3d.views import View
 
 EMPTY = np.zeros((0, 3), np.float32)
-NO_IMAGES = np.zeros((0, 0, NUM_IMAGE_COLUMNS), np.float32)
+NO_IMAGES, NONE_MADE = np.zeros((0, 2, 0, 4), np.float32), np.zeros((0, 2, 0), np.uint8)
 NO_WEIGHTS = np.zeros((0, 0), np.float32)
 NO_MODES = (NO_ROWS, NO_WEIGHTS)
 NO_SOURCE, NO_SHARE = np.zeros((0, 4), np.int32), np.zeros((0, 4), np.float32)
@@ -81,11 +81,10 @@ class Engine:
         irradiance = EMPTY if self.sites is None else self._irradiance(self.sites, lights)
         clock.lap("indirect")
         weights = self._residual_weights(lights)
-        images = self._residual_images(weights)
         clock.lap("residual")
         out = self._behind_mirrors(lights)
         all_seen = seen[0][None] if len(seen) == 1 else np.array(seen, np.uint8).reshape(len(seen), len(self.buffers))
-        self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, weights, irradiance, images, out)
+        self._shade(np.array(rows, np.float32).reshape(-1, kernels.ROW), all_seen, weights, irradiance, out)
         clock.lap("shade")
         return Result(out, clock.milliseconds, dict(self.shadows.rays))
 
@@ -109,34 +108,32 @@ class Engine:
         row[kernels.COLOR : kernels.COLOR + 3] *= mirror.reflectance.astype(np.float32)
         return row
 
-    def _shade(self, rows, seen, weights, irradiance, images, out) -> None:
-        b, sites = self.buffers, self.sites
-        (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
+    def _shade(self, rows, seen, weights, irradiance, out) -> None:
+        b, sites, residual, flat = self.buffers, self.sites, self._residual(weights), out.reshape(-1)
         site = (NO_SOURCE, NO_SHARE) if sites is None else (sites.source, sites.share)
         points = (b.position, b.normal, b.to_viewer, b.tangent, b.diffuse, b.gloss, b.surface, b.lobe_start, b.lobes)
 
         def shade(counter: np.ndarray) -> None:
             pixel_kernels.shade(
-                counter, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance,
-                source, share, images, lit, dark, np.empty((NUM_ROWS, self._chunk_points), np.float32),
-                scratch(), flat,
+                counter, b.point_start, b.pixel_of_rank, rows, seen, *points, *site, irradiance, *residual,
+                np.empty((NUM_ROWS, self._chunk_points), np.float32), scratch(), flat,
             )  # fmt: skip
 
         counting(shade)
 
-    def _given(self, weights: tuple[np.ndarray, np.ndarray], images: np.ndarray) -> tuple[Any, Any, Any, Any]:
-        """The residual as the kernels read it: source and share, lit and dark modes."""
-        modes = self.buffers.modes
-        source, share = (modes.source, modes.share) if modes is not None else (NO_SOURCE, NO_SHARE)
-        lit, dark = self._weighted(weights) if len(images) == 0 else (NO_MODES, NO_MODES)
-        return source, share, lit, dark
-
-    def _weighted(self, weights: tuple[np.ndarray, np.ndarray]) -> tuple[tuple, tuple]:
-        """The lit and the dark modes as the kernels read them: rows, and weights by light."""
+    def _residual(self, weights: tuple[np.ndarray, np.ndarray]) -> tuple[Any, Any, Any, Any, Any, Any]:
+        """The residual as the kernels read it: source and share, images to be made and which blocks are, and the lit and the
+        dark modes, each rows and weights by light. No images at the captured view.
+        """
         modes = self.buffers.modes
         if modes is None:
-            return NO_MODES, NO_MODES
-        return (modes.lit, weights[0]), (modes.dark, weights[1])
+            return NO_SOURCE, NO_SHARE, NO_IMAGES, NONE_MADE, NO_MODES, NO_MODES
+        images, made = NO_IMAGES, NONE_MADE
+        if len(modes.source):
+            num_lights, num_captured = len(weights[0]), len(self.model.pixels.points)
+            images = np.empty((num_lights, 2, num_captured, 4), np.float32)
+            made = np.zeros((num_lights, 2, -(-num_captured // LANES)), np.uint8)
+        return modes.source, modes.share, images, made, (modes.lit, weights[0]), (modes.dark, weights[1])
 
     # ------------------------------------------------------------------------------------- indirect
 
@@ -166,22 +163,6 @@ class Engine:
         lit, dark = np.exp(angle / -residual.lit_length_rad), np.exp(angle / -residual.dark_length_rad)
         return residual.lit_weights @ lit, residual.dark_weights @ dark
 
-    def _residual_images(self, weights: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        modes = self.buffers.modes
-        if modes is None or len(modes.source) == 0 or len(weights[0]) == 0:
-            return NO_IMAGES
-        images = np.empty((len(weights[0]), len(self.model.pixels.points), NUM_IMAGE_COLUMNS), np.float32)
-        lit, dark = self._weighted(weights)
-        ones = np.ones((len(images), kernels.ROW), np.float32)
-
-        def read(part: slice) -> None:
-            for k in range(len(images)):
-                pixel_kernels.residual_images(part.start, part.stop, lit, dark, k, ones, scratch(), images[k])
-
-        blocks = [slice(t.start // LANES, -(-t.stop // LANES)) for t in tiles(images.shape[1], LANES)]
-        over_threads(read, blocks)
-        return images
-
     def _behind_mirrors(self, lights: list[Light]) -> Float32[np.ndarray, "pixel 3"]:
         """What pixels show before any point: the surroundings that mirrors show, where they do."""
         view, model = self.view, self.model
@@ -195,9 +176,9 @@ class Engine:
         return out
 
 
-def scratch() -> Float32[np.ndarray, "8 lane"]:
+def scratch() -> Float32[np.ndarray, "row lane"]:
     """What a kernel works in for a block of pixels."""
-    return np.zeros((pixel_kernels.NUM_PIXEL_ROWS, LANES), np.float32)
+    return np.zeros((NUM_PIXEL_ROWS, LANES), np.float32)
 
 
 class Clock:

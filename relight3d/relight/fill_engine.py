@@ -38,9 +38,8 @@ class FillEngine(Engine):
         # The most that a lobe can be multiplied by at any point, power and falloff aside.
         self._most_gloss = float(self.buffers.gloss.max(initial=0.0))
 
-    def _shade(self, rows, seen, weights, irradiance, images, out) -> None:
-        b = self.buffers
-        (source, share, lit, dark), flat = self._given(weights, images), out.reshape(-1)
+    def _shade(self, rows, seen, weights, irradiance, out) -> None:
+        b, residual, flat = self.buffers, self._residual(weights), out.reshape(-1)
         if self._blend is not None:
             at_anchors = np.empty((len(self._blend[0]), 4), np.float32)
             fill_kernels.blend(*self._blend, irradiance, at_anchors)
@@ -51,7 +50,7 @@ class FillEngine(Engine):
         def fill(counter: np.ndarray) -> None:
             fill_kernels.fill(
                 counter, b.point_start, b.pixel_of_rank, self._cells, self._loose, rows, seen, *points,
-                irradiance, source, share, images, lit, dark,
+                irradiance, *residual,
                 np.empty((fill_kernels.NUM_FILL_ROWS, self._chunk_points), np.float32), scratch(), flat,
             )  # fmt: skip
 

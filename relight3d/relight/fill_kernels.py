@@ -10,8 +10,9 @@ import numpy as np
 from relight3d.relight.kernels import ZERO, add_arriving, fused, fused_inlined, take
 from relight3d.relight.lanes import blend_colors
 from relight3d.relight.lobe_kernels import FORM, NUM_ROWS, TOTAL, add_lobes
-from relight3d.relight.pixel_kernels import CHUNK, LANES, finish_block
-from relight3d.relight.shade_kernels import add_read_residual, aim, is_seen, light_up
+from relight3d.relight.pixel_kernels import CHUNK, finish_block
+from relight3d.relight.residual_kernels import LANES, add_read_residual
+from relight3d.relight.shade_kernels import aim, is_seen, light_up
 
 IRRADIANCE, NUM_FILL_ROWS = NUM_ROWS, NUM_ROWS + 3
 QUARTER, TWO, THREE = np.float32(0.25), np.float32(2), np.float32(3)
@@ -59,7 +60,7 @@ def _read_loose(loose, corner, share, first, last, a, values, work):
 @fused
 def fill(
     counter, start, pixel, cells, loose, lights, seen, position, normal, viewer, tangent, diffuse, gloss,
-    surface, lobe_start, lobes, irradiance, source, share, images, lit, dark, work, pixels, out,
+    surface, lobe_start, lobes, irradiance, source, share, images, made, lit, dark, work, pixels, out,
 ):  # fmt: skip
     """pixel_kernels.shade with indirect light read off anchors (`irradiance`; length 0 for none).
 
@@ -99,6 +100,8 @@ def fill(
             for i in range(n):
                 total[i] += albedo[i] * arriving[i]
         if len(images):
-            add_read_residual(lights, seen, source, share, images, a, b, work)
+            add_read_residual(lights, seen, source, share, images, made, lit, dark, a, b, pixels, work)
         for block in range(begin, end, LANES):
-            finish_block(block, min(block + LANES, end), a, start, pixel, lights, seen, lit, dark, work, pixels, out)
+            finish_block(
+                block, min(block + LANES, end), a, start, pixel, lights, seen, lit, dark, len(images) == 0, work, pixels, out
+            )  # fmt: skip

@@ -17,7 +17,7 @@ PACKET, MARKS, COLORS = ir.VectorType(FLOAT, WIDTH), ir.VectorType(BYTE, WIDTH),
 FUSED = ("contract",)  # one rounding, as in kernels.fused
 
 
-def _place(context, builder, kind, array, *index):
+def address_of(context, builder, kind, array, *index):
     """The address of an array's element."""
     held = make_array(kind)(context, builder, array)
     place = builder.bitcast(held.data, BYTE.as_pointer())
@@ -26,13 +26,13 @@ def _place(context, builder, kind, array, *index):
     return place
 
 
-def _load(builder, place, kind):
+def load_vector(builder, place, kind):
     vector = builder.load(builder.bitcast(place, kind.as_pointer()))
     vector.align = 1
     return vector
 
 
-def _store(builder, vector, place):
+def store_vector(builder, vector, place):
     builder.store(vector, builder.bitcast(place, vector.type.as_pointer())).align = 1
 
 
@@ -51,11 +51,11 @@ def leave_surface(_typing, rays, position, geometric, first, offset):
         arrays, (first, offset) = list(zip(signature.args, given))[:3], given[3:]
         step = _all(builder, offset, PACKET)
         for axis in range(3):
-            out = _place(context, builder, *arrays[0], WORD(ORIGIN + axis))
+            out = address_of(context, builder, *arrays[0], WORD(ORIGIN + axis))
             place, normal = (
-                _load(builder, _place(context, builder, *a, WORD(axis), first), PACKET) for a in arrays[1:]
+                load_vector(builder, address_of(context, builder, *a, WORD(axis), first), PACKET) for a in arrays[1:]
             )
-            _store(builder, builder.fadd(place, builder.fmul(normal, step)), out)
+            store_vector(builder, builder.fadd(place, builder.fmul(normal, step)), out)
         return context.get_dummy_value()
 
     return types.void(rays, position, geometric, types.intp, types.float32), generate
@@ -66,10 +66,10 @@ def mark_blocked(_typing, far, out, first, blocked, free):
     """out[first..first + 16] is `blocked` where `far` is below 0, as Embree leaves it, and else `free`."""
 
     def generate(context, builder, signature, given):
-        values = _load(builder, _place(context, builder, signature.args[0], given[0]), PACKET)
+        values = load_vector(builder, address_of(context, builder, signature.args[0], given[0]), PACKET)
         is_blocked = builder.fcmp_ordered("<", values, ir.Constant(PACKET, [0.0] * WIDTH))
         marks = builder.select(is_blocked, _all(builder, given[3], MARKS), _all(builder, given[4], MARKS))
-        _store(builder, marks, _place(context, builder, signature.args[1], given[1], given[2]))
+        store_vector(builder, marks, address_of(context, builder, signature.args[1], given[1], given[2]))
         return context.get_dummy_value()
 
     return types.void(far, out, types.intp, types.uint8, types.uint8), generate
@@ -87,16 +87,16 @@ def blend_colors(_typing, source, share, point, table, column, out, row, lane):
         total = cgutils.alloca_once_value(builder, ir.Constant(COLORS, [0.0] * 4))
         num = builder.extract_value(make_array(kinds[0])(context, builder, given[0]).shape, 1)
         with cgutils.for_range(builder, num) as loop:
-            index = _place(context, builder, kinds[0], given[0], point, loop.index)
+            index = address_of(context, builder, kinds[0], given[0], point, loop.index)
             index = builder.sext(builder.load(builder.bitcast(index, INDEX.as_pointer())), WORD)
-            weight = _place(context, builder, kinds[1], given[1], point, loop.index)
+            weight = address_of(context, builder, kinds[1], given[1], point, loop.index)
             weight = _all(builder, builder.load(builder.bitcast(weight, FLOAT.as_pointer())), COLORS)
-            colors = _load(builder, _place(context, builder, kinds[3], given[3], index, column), COLORS)
+            colors = load_vector(builder, address_of(context, builder, kinds[3], given[3], index, column), COLORS)
             more = builder.fmul(colors, weight, flags=FUSED)
             builder.store(builder.fadd(builder.load(total), more, flags=FUSED), total)
         blended = builder.load(total)
         for c in range(3):
-            place = _place(context, builder, kinds[5], given[5], builder.add(row, WORD(c)), lane)
+            place = address_of(context, builder, kinds[5], given[5], builder.add(row, WORD(c)), lane)
             builder.store(builder.extract_element(blended, INDEX(c)), builder.bitcast(place, FLOAT.as_pointer()))
         return context.get_dummy_value()
 
@@ -111,13 +111,16 @@ def face_packet(_typing, geometric, first, x, y, z, active):
     def generate(context, builder, signature, given):
         planes = (signature.args[0], given[0])
         way = [_all(builder, given[2 + axis], PACKET) for axis in range(3)]
-        normal = [_load(builder, _place(context, builder, *planes, WORD(axis), given[1]), PACKET) for axis in range(3)]
+        normal = [
+            load_vector(builder, address_of(context, builder, *planes, WORD(axis), given[1]), PACKET)
+            for axis in range(3)
+        ]
         cosine = builder.fmul(normal[0], way[0])  # in the reference's order, each step rounded
         for axis in (1, 2):
             cosine = builder.fadd(cosine, builder.fmul(normal[axis], way[axis]))
         faces = builder.fcmp_ordered(">", cosine, ir.Constant(PACKET, [0.0] * WIDTH))
         marks = builder.sext(faces, ir.VectorType(INDEX, WIDTH))
-        _store(builder, marks, _place(context, builder, signature.args[5], given[5]))
+        store_vector(builder, marks, address_of(context, builder, signature.args[5], given[5]))
         bits = builder.zext(builder.bitcast(faces, ir.IntType(WIDTH)), WORD)
         return builder.call(builder.module.declare_intrinsic("llvm.ctpop", [WORD]), [bits])
 
@@ -139,8 +142,10 @@ def shines(_typing, along, across, surface, form, first, num, aside, ahead, dark
         found = cgutils.alloca_once_value(builder, ir.Constant(marks, [0] * WIDTH))
         with cgutils.for_range_slice(builder, WORD(0), given[5], WORD(WIDTH)) as (step, _):
             at = builder.add(first, step)
-            x, y, form = (_load(builder, _place(context, builder, kinds[k], given[k], at), PACKET) for k in (0, 1, 3))
-            of = _load(builder, _place(context, builder, kinds[2], given[2], at), ir.VectorType(SHORT, WIDTH))
+            x, y, form = (
+                load_vector(builder, address_of(context, builder, kinds[k], given[k], at), PACKET) for k in (0, 1, 3)
+            )
+            of = load_vector(builder, address_of(context, builder, kinds[2], given[2], at), ir.VectorType(SHORT, WIDTH))
             base = builder.fadd(builder.fmul(aside, y, flags=FUSED), builder.fmul(ahead, x, flags=FUSED), flags=FUSED)
             bright = builder.and_(builder.fcmp_ordered(">", base, dark), builder.icmp_signed("==", of, which))
             bright = builder.and_(bright, builder.fcmp_ordered(">", form, ir.Constant(PACKET, [0.0] * WIDTH)))
@@ -172,31 +177,33 @@ def add_rows(_typing, entries, step, mode, first, last, weights, light, colors, 
             with cgutils.for_range(builder, count) as loop:
                 r = builder.add(first, loop.index)
                 which = builder.load(
-                    builder.bitcast(_place(context, builder, kinds[2], given[2], r), INDEX.as_pointer())
+                    builder.bitcast(address_of(context, builder, kinds[2], given[2], r), INDEX.as_pointer())
                 )
-                weight = _place(context, builder, kinds[5], given[5], light, builder.sext(which, WORD))
-                scale = _place(context, builder, kinds[1], given[1], r)
+                weight = address_of(context, builder, kinds[5], given[5], light, builder.sext(which, WORD))
+                scale = address_of(context, builder, kinds[1], given[1], r)
                 weight, scale = (builder.load(builder.bitcast(p, FLOAT.as_pointer())) for p in (weight, scale))
                 factor = _all(builder, builder.fmul(weight, scale), PACKET)
                 for v in range(group):
                     at = WORD(c * group * WIDTH + v * WIDTH)
-                    values = _load(
-                        builder, _place(context, builder, kinds[0], given[0], r, at), ir.VectorType(element, WIDTH)
+                    values = load_vector(
+                        builder, address_of(context, builder, kinds[0], given[0], r, at), ir.VectorType(element, WIDTH)
                     )
                     if size < 4:
                         values = builder.sitofp(values, PACKET)
                     more = builder.fmul(factor, values, flags=FUSED)
                     builder.store(builder.fadd(builder.load(sums[v]), more, flags=FUSED), sums[v])
-            color = _place(context, builder, kinds[7], given[7], light, builder.add(column, WORD(c)))
+            color = address_of(context, builder, kinds[7], given[7], light, builder.add(column, WORD(c)))
             color = _all(builder, builder.load(builder.bitcast(color, FLOAT.as_pointer())), PACKET)
             for v in range(group):
                 at = builder.add(lane, WORD(v * WIDTH))
                 share = builder.fmul(
-                    color, _load(builder, _place(context, builder, kinds[9], given[9], at), PACKET), flags=FUSED
+                    color,
+                    load_vector(builder, address_of(context, builder, kinds[9], given[9], at), PACKET),
+                    flags=FUSED,
                 )
-                place = _place(context, builder, kinds[10], given[10], builder.add(row, WORD(c)), at)
+                place = address_of(context, builder, kinds[10], given[10], builder.add(row, WORD(c)), at)
                 more = builder.fmul(share, builder.load(sums[v]), flags=FUSED)
-                _store(builder, builder.fadd(_load(builder, place, PACKET), more, flags=FUSED), place)
+                store_vector(builder, builder.fadd(load_vector(builder, place, PACKET), more, flags=FUSED), place)
         return context.get_dummy_value()
 
     index = types.intp
@@ -211,7 +218,7 @@ def put_color(_typing, out, place, red, green, blue):
     """
 
     def generate(context, builder, signature, given):
-        start = _place(context, builder, signature.args[0], given[0], given[1])
+        start = address_of(context, builder, signature.args[0], given[0], given[1])
         start = builder.bitcast(start, FLOAT.as_pointer())
         for c in range(3):
             builder.store_atomic(given[2 + c], builder.gep(start, [WORD(c)]), "monotonic", 4)

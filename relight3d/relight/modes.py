@@ -9,12 +9,12 @@ from jaxtyping import Float32, Float64, Int32
 
 from relight3d.records import RelightModel, Residual
 from relight3d.relight.pack_kernels import fade_shares
+from relight3d.relight.residual_kernels import LANES
 from relight3d.relight.tiles import tiles
 from relight3d.shading import residual_kernel
 from relight3d.tracing import over_threads
 from relight3d.views import View
 
-LANES = 64  # pixels side by side in a block
 UNSEEN = 1e-6  # of white: what a mode may be off by
 FAINT = 3e-3  # of white: what a mode makes of a block in int8 is left out below it
 

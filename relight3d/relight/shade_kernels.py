@@ -16,7 +16,6 @@ from relight3d.relight.kernels import (
     CONE_COSINE,
     CONE_POWER,
     CONE_SCALE,
-    FULL,
     KIND,
     ONE,
     PLACE,
@@ -26,13 +25,8 @@ from relight3d.relight.kernels import (
     fused_inlined,
 )
 from relight3d.relight.lanes import blend_colors
-from relight3d.relight.lobe_kernels import BASE, FORM, LOBES, TOTAL, WAY, add_lobes
-
-LANES = 64  # pixels of a block
-# Columns of captured pixels' residual: where they see the light, and where they do not; the rows into which points read it.
-LIT_COLUMN, DARK_COLUMN, NUM_IMAGE_COLUMNS = 0, 4, 8
-READ_LIT, READ_DARK = LOBES, BASE
-PER_FULL = np.float32(1 / FULL)
+from relight3d.relight.lobe_kernels import FORM, LOBES, TOTAL, WAY, add_lobes
+from relight3d.relight.residual_kernels import PER_FULL, add_read_residual
 
 
 @fused_inlined
@@ -106,28 +100,9 @@ def _add_indirect(source, share, irradiance, diffuse, a, b, work):
 
 
 @fused_inlined
-def add_read_residual(lights, seen, source, share, images, a, b, work):
-    """The residual of points of another view, read from the captured pixels' (from those columns of `images` on)."""
-    n = b - a
-    for light in range(len(images)):
-        image, part = images[light], seen[light, a:b]
-        work[READ_LIT : READ_LIT + 3, :n], work[READ_DARK : READ_DARK + 3, :n] = ZERO, ZERO
-        for i in range(n):
-            if part[i] > 0:
-                blend_colors(source, share, a + i, image, LIT_COLUMN, work, READ_LIT, i)  # pyright: ignore[reportCallIssue]
-            if part[i] < FULL:
-                blend_colors(source, share, a + i, image, DARK_COLUMN, work, READ_DARK, i)  # pyright: ignore[reportCallIssue]
-        for c in range(3):
-            lit, dark, total = work[READ_LIT + c, :n], work[READ_DARK + c, :n], work[TOTAL + c, :n]
-            color = lights[light, COLOR + c]
-            for i in range(n):
-                total[i] += color * (dark[i] + np.float32(part[i]) * PER_FULL * (lit[i] - dark[i]))
-
-
-@fused_inlined
 def shade_points(
     a, b, lights, seen, position, normal, viewer, tangent, diffuse, gloss, surface, lobe_start, lobes, site_source,
-    site_share, irradiance, source, share, images, work,
+    site_share, irradiance, source, share, images, made, lit, dark, pixels, work,
 ):  # fmt: skip
     """Leaves in `work` the radiance of the points a to b. Arrays of an absent effect have length 0."""
     for c in range(3):
@@ -144,4 +119,4 @@ def shade_points(
     if len(irradiance):
         _add_indirect(site_source, site_share, irradiance, diffuse, a, b, work)
     if len(images):
-        add_read_residual(lights, seen, source, share, images, a, b, work)
+        add_read_residual(lights, seen, source, share, images, made, lit, dark, a, b, pixels, work)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from relight3d.relight.captured import captured_of
+from relight3d.relight.engine import Engine
 from relight3d.relight.fast_view import build_fast_view
 from relight3d.relight.options import RelightOptions
 from relight3d.relight.relighter import Relighter
@@ -106,6 +107,32 @@ def test_what_four_captured_pixels_have_in_common_only_saves_work(
     got = build_fast_view(scene, model, camera, ViewOptions()).packed
     for name in ("normal", "diffuse", "gloss", "source_share"):
         np.testing.assert_allclose(getattr(got, name), getattr(wanted, name), atol=2e-6, err_msg=name)
+
+
+@pytest.mark.parametrize("shading", ["exact", "adaptive"])
+def test_the_residual_of_captured_pixels_is_made_where_points_read_it(
+    shading: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What nobody made is NaN here: a frame that read any of it would show it."""
+    model, made = models.full(), []
+    as_it_is = Engine._residual
+
+    def of_nothing(engine: Engine, weights: tuple) -> tuple:
+        given = as_it_is(engine, weights)
+        given[2][:] = np.nan
+        made.append(given[3])
+        return given
+
+    def frame(turn_rad: float) -> np.ndarray:
+        relighter = Relighter(model, models.other_camera(model, turn_rad), RelightOptions(shading=shading))
+        return relighter.render(models.LIGHTS["several"]).radiance
+
+    wanted = [frame(turn_rad) for turn_rad in (0.15, 0.45, 0.9)]
+    monkeypatch.setattr(Engine, "_residual", of_nothing)
+    for turn_rad, without in zip((0.15, 0.45, 0.9), wanted, strict=True):
+        np.testing.assert_array_equal(frame(turn_rad), without)
+    near, aside, far = (float(blocks.mean()) for blocks in made)
+    assert 1 > near > aside > far == 0.0  # 30 degrees around nothing of it holds
 
 
 @pytest.mark.parametrize("threads", ["1", "3"])
