@@ -7,16 +7,18 @@ from jaxtyping import Float32, Float64
 
 from relight3d.effects import SCENE
 from relight3d.maths.decibels import gain_db
-from relight3d.maths.least_squares import Solution, robust_weights
+from relight3d.maths.least_squares import Solution, Status, robust_weights
 from relight3d.records import Mirror, Observations
-from relight3d.recover import bounce, diffuse, indirect, sites, texture, unseen
+from relight3d.recover import bounce, diffuse, indirect, shade, sites, texture, unseen
 from relight3d.recover.rounds.light import calm_radiance, direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, looks_textured, surface_medians
+from relight3d.recover.surfaces import neighbours
 
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
 LEAST_OF_SURFACE, LEAST_OF_SCENE = 0.05, 0.002  # of their medians: a panel is no darker
 LEAST_OF_PANEL = 0.02  # of its mean: a pixel is no darker
+SURELY_TOLD, HARDLY_TOLD = 0.9, 0.5  # by its own photographs: of 1
 FEW_PHOTOGRAPHS = 4  # with fewer, left-out ones may say that the indirect light's fit is worse than none
 NOT_TOLD = "nothing tells it from indirect light"
 ALL_OF_IT_DB = 100.0  # the gain of an effect without which there is nothing
@@ -90,10 +92,15 @@ def _fit_albedo(
     is_textured = fitted.is_textured[stage.surface]
     away = np.where(is_textured[:, None], albedo / np.maximum(mean[owner], 1e-6) - 1.0, 0.0)
     relative = (1.0 + told * away).astype(np.float32)
+    piece, least_told = np.where(is_textured, owner, -1), told.min(axis=1)
     if is_last:
         place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
-        is_told = observed.is_interior & (told.min(axis=1) > 0.9)
-        around = unseen.continued(place, away, np.where(is_textured, owner, -1), is_told)
+        is_told = observed.is_interior & (least_told > SURELY_TOLD)
+        around = unseen.continued(place, away, piece, is_told)
+        near = neighbours(stage.points, stage.camera)
+        asked = least_told < HARDLY_TOLD
+        shown = shade.texture_in_shade(observed, target, direct, stage.points, piece, asked, near, stage.white)
+        around = np.where(shown.is_found[:, None], shown.away, around)
         relative[~is_told] += ((1.0 - told) * around)[~is_told].astype(np.float32)
     relative = np.maximum(relative, np.float32(LEAST_OF_PANEL))
     # Detail takes up what is missed of a pixel's light as a tilt: over many pairs that is no relief but a bias.
@@ -103,6 +110,11 @@ def _fit_albedo(
     joint = _joint(stage, observed, target, weight, light, relative, site_owner, num_owners)
     bound = diffuse.upper_bound(observed, target, weight, light, relative, owner, num_owners)
     scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
+    # Of a panel that hardly any light falls on, its surface's other panels say more than it does.
+    by_itself = np.minimum(_medians_by_owner(least_told, owner, num_owners) / HARDLY_TOLD, 1.0)
+    by_itself = np.where(border.status == Status.OK, 1.0, by_itself)[:, None]
+    others = np.maximum(of_surface[surface_of_owner], 1e-6)
+    scale = np.maximum(scale, 1e-6) ** by_itself * others ** (1.0 - by_itself)
     of_surface = surface_medians(relative * scale[owner], information, stage.surface, num)
     scale = np.maximum(scale, _least(of_surface)[surface_of_owner])
     # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
@@ -111,6 +123,13 @@ def _fit_albedo(
         fitted, albedo=albedo, surface_albedo=surface_medians(albedo, information, stage.surface, num), owner=owner,
         border=border, joint=joint, scale_words=words,
     )  # fmt: skip
+
+
+def _medians_by_owner(values: np.ndarray, owner: np.ndarray, num_owners: int) -> Float64[np.ndarray, " owner"]:
+    """The median of what each owner's points have; 0 for an owner without."""
+    ordered, count = values[np.lexsort((values, owner))], np.bincount(owner, minlength=num_owners)
+    middle = np.minimum(np.cumsum(count) - count + count // 2, len(values) - 1)
+    return np.where(count > 0, ordered[middle], 0.0)
 
 
 def _least(of_surface: Float64[np.ndarray, "surface 3"]) -> Float64[np.ndarray, "surface 3"]:
