@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float32, Float64, Int, Int32
 from relight3d.records import Observations, ShadingPoints
 
 MIN_POINTS = 100  # of a panel in one photograph's shadow, or light
+MIN_SHARE = 0.25  # of a panel must ask: where most of it is told, what is beside a point says more
 DARK = 5e-3  # of white: a photograph as dark as that tells nothing
 MIN_ALIKE = 0.6  # correlation between two halves of the photographs
 MIN_CONTRAST = 0.08  # standard deviation of the texture's logarithm
@@ -39,7 +40,7 @@ def texture_in_shade(
     near: Int32[np.ndarray, "pair 2"],
     white: float,
 ) -> ShadeTexture:
-    """The texture of those panels of which some points ask for it; of all of their points, since a median needs all.
+    """The texture of those panels of which enough points ask for it; of all of their points, since a median needs all.
 
     `target` is radiance without highlights, `panel` each point's smooth piece (-1 for none), `near` pairs of neighbours.
     """
@@ -49,8 +50,10 @@ def texture_in_shade(
         usable &= ~(observed.thrown.max(axis=3) > 0).any(axis=0)
     light = direct.max(axis=2)
     asked, counts = np.unique(panel[is_asked & (panel >= 0)], return_counts=True)
-    for one in asked[counts >= MIN_POINTS]:
+    for one, count in zip(asked.tolist(), counts.tolist(), strict=True):
         mine = np.flatnonzero(panel == one)
+        if count < max(MIN_POINTS, MIN_SHARE * len(mine)):
+            continue
         slow = _slow(points, mine)
         pairs = near[(panel[near] == one).all(axis=1)]
         found = _of_panel(target[:, mine], light[:, mine], usable[:, mine], slow, white)
