@@ -11,6 +11,7 @@ from relight3d.evaluate.shapes import box, joined, plane, transformed, turn_abou
 from relight3d.evaluate.synthetic import synthesize
 from relight3d.evaluate.truth import truth_of
 from relight3d.records import Observations, ShadingPoints
+from relight3d.recover.rounds.alternation import _medians_by_owner, _shares_of_surface
 from relight3d.recover.run import recover
 from relight3d.recover.shade import ShadeTexture, texture_in_shade
 from relight3d.recover.surfaces import neighbours
@@ -80,6 +81,15 @@ def test_what_is_no_texture_is_not_found() -> None:
     assert found_in(STRIPES, INDIRECT, asked=0.3).is_found.all()
     nothing = found_in(0 * STRIPES, INDIRECT)
     assert not nothing.is_found.any() and (nothing.away == 0).all()
+
+
+def test_a_panel_leans_on_others_as_far_as_they_know_more() -> None:
+    """A surface of one panel has nobody to lean on, however little light it gets."""
+    information, owner = np.array([4.0, 4.0, 1.0, 1.0, 0.5, 0.0]), np.array([0, 0, 1, 1, 2, 4])
+    of_owner = np.array([0, 0, 1, 0, 2])  # the fourth is not seen, the last not lit
+    np.testing.assert_allclose(_shares_of_surface(information, owner, of_owner), [0.8, 0.2, 1.0, 0.0, 1.0])
+    told = np.array([0.9, 0.7, 0.1, 0.3, 0.2, 0.0])
+    np.testing.assert_allclose(_medians_by_owner(told, owner, 5), [0.9, 0.3, 0.2, 0.0, 0.0])
 
 
 def test_a_side_that_no_light_reaches_keeps_its_print() -> None:

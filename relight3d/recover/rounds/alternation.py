@@ -112,6 +112,7 @@ def _fit_albedo(
     scale, _, words = diffuse.surface_scale(border, joint, mean, bound)
     # Of a panel that hardly any light falls on, its surface's other panels say more than it does.
     by_itself = np.minimum(_medians_by_owner(least_told, owner, num_owners) / HARDLY_TOLD, 1.0)
+    by_itself = np.maximum(by_itself, _shares_of_surface(information.mean(axis=1), owner, surface_of_owner))
     by_itself = np.where(border.status == Status.OK, 1.0, by_itself)[:, None]
     others = np.maximum(of_surface[surface_of_owner], 1e-6)
     scale = np.maximum(scale, 1e-6) ** by_itself * others ** (1.0 - by_itself)
@@ -130,6 +131,15 @@ def _medians_by_owner(values: np.ndarray, owner: np.ndarray, num_owners: int) ->
     ordered, count = values[np.lexsort((values, owner))], np.bincount(owner, minlength=num_owners)
     middle = np.minimum(np.cumsum(count) - count + count // 2, len(values) - 1)
     return np.where(count > 0, ordered[middle], 0.0)
+
+
+def _shares_of_surface(
+    information: np.ndarray, owner: np.ndarray, surface_of_owner: np.ndarray
+) -> Float64[np.ndarray, " owner"]:
+    """How much of the information about its surface each owner has; 1 for the only one."""
+    mine = np.bincount(owner, information, len(surface_of_owner))
+    whole = np.bincount(surface_of_owner, mine)[surface_of_owner]
+    return np.where(whole > 0, mine / np.maximum(whole, 1e-30), 1.0)
 
 
 def _least(of_surface: Float64[np.ndarray, "surface 3"]) -> Float64[np.ndarray, "surface 3"]:
