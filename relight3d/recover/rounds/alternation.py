@@ -114,8 +114,7 @@ def _fit_albedo(
     by_itself = np.minimum(_medians_by_owner(least_told, owner, num_owners) / HARDLY_TOLD, 1.0)
     by_itself = np.maximum(by_itself, _shares_of_surface(information.mean(axis=1), owner, surface_of_owner))
     by_itself = np.where(border.status == Status.OK, 1.0, by_itself)[:, None]
-    others = np.maximum(of_surface[surface_of_owner], 1e-6)
-    scale = np.maximum(scale, 1e-6) ** by_itself * others ** (1.0 - by_itself)
+    scale = scale**by_itself * of_surface[surface_of_owner] ** (1.0 - by_itself)
     of_surface = surface_medians(relative * scale[owner], information, stage.surface, num)
     scale = np.maximum(scale, _least(of_surface)[surface_of_owner])
     # No pixel sends back more than it gets, unless the lamps' given powers make whole surfaces do so.
