@@ -207,7 +207,12 @@ class Observations:
     @property
     def is_reached(self) -> Bool[np.ndarray, "photo point"]:
         """Where a light is seen, itself or in a mirror that throws it."""
-        return self.is_lit if self.thrown is None else self.is_lit | (self.thrown.max(axis=(0, 3)) > 0)
+        return self.is_lit | self.is_thrown
+
+    @property
+    def is_thrown(self) -> Bool[np.ndarray, "photo point"]:
+        """Where a light is seen in a mirror that throws it."""
+        return np.zeros_like(self.is_lit) if self.thrown is None else self.thrown.max(axis=(0, 3)) > 0
 
     @property
     def ambient(self) -> Float32[np.ndarray, "photo point 3"] | None:

@@ -45,15 +45,15 @@ def texture_in_shade(
     `target` is radiance without highlights, `panel` each point's smooth piece (-1 for none), `near` pairs of neighbours.
     """
     out = ShadeTexture(np.zeros((len(panel), 3)), np.zeros(len(panel), bool))
+    asked = np.bincount(panel[is_asked & (panel >= 0)])
+    size = np.bincount(panel[panel >= 0])[: len(asked)]
+    wanted = np.flatnonzero(asked >= np.maximum(MIN_POINTS, MIN_SHARE * size))
+    if len(wanted) == 0:
+        return out
     usable = observed.is_safe & (observed.weight > 0) & observed.is_interior & ~(observed.is_lit & observed.is_highlight)
-    if observed.thrown is not None:
-        usable &= ~(observed.thrown.max(axis=3) > 0).any(axis=0)
-    light = direct.max(axis=2)
-    asked, counts = np.unique(panel[is_asked & (panel >= 0)], return_counts=True)
-    for one, count in zip(asked.tolist(), counts.tolist(), strict=True):
+    usable, light = usable & ~observed.is_thrown, direct.max(axis=2)
+    for one in wanted.tolist():
         mine = np.flatnonzero(panel == one)
-        if count < max(MIN_POINTS, MIN_SHARE * len(mine)):
-            continue
         slow = _slow(points, mine)
         pairs = near[(panel[near] == one).all(axis=1)]
         found = _of_panel(target[:, mine], light[:, mine], usable[:, mine], slow, white)

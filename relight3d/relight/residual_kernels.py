@@ -10,19 +10,18 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
 from relight3d.relight.kernels import COLOR, FULL, ONE, ZERO, fused, fused_inlined
-from relight3d.relight.lanes import COLORS, INDEX, WORD, address_of, blend_colors, load_vector, store_vector
+from relight3d.relight.lanes import BYTE, COLORS, INDEX, WORD, address_of, blend_colors, load_vector, store_vector
 from relight3d.relight.lobe_kernels import BASE, LOBES, TOTAL
 
-LANES = 64  # pixels side by side in a block
+BLOCK_BITS = 6
+LANES = 1 << BLOCK_BITS  # pixels side by side in a block
 # Rows of a block's workspace: radiance; one light's modes; how far its pixels see that light, and do not.
 # The last: the blocks of images that were read last, for either state, as integers.
 PIXELS, SUM, LIT_PART, DARK_PART, LAST_READ, NUM_PIXEL_ROWS = 0, 3, 6, 7, 8, 9
 READ_LIT, READ_DARK = LOBES, BASE  # rows into which points read captured pixels
 PER_FULL = np.float32(1 / FULL)
-BLOCK_BITS = 6  # 2 ** 6 = LANES
 NOTHING, SAME, OTHERS = 0, 1, 2  # what a point reads: no block, those that the last one did, others
 
 
@@ -56,9 +55,8 @@ def _is_made(_typing, made, block):
     """Whether an element of a row of bytes is set; then what was written before it was set can be read."""
 
     def generate(context, builder, signature, given):
-        flags = make_array(signature.args[0])(context, builder, given[0]).data
-        value = builder.load_atomic(builder.gep(flags, [given[1]]), "acquire", 1)
-        return builder.icmp_unsigned("!=", value, ir.IntType(8)(0))
+        flag = address_of(context, builder, signature.args[0], given[0], given[1])
+        return builder.icmp_unsigned("!=", builder.load_atomic(flag, "acquire", 1), BYTE(0))
 
     return types.boolean(made, types.intp), generate
 
@@ -68,8 +66,8 @@ def _set_made(_typing, made, block):
     """Sets an element of a row of bytes, after all that this thread wrote before."""
 
     def generate(context, builder, signature, given):
-        flags = make_array(signature.args[0])(context, builder, given[0]).data
-        builder.store_atomic(ir.IntType(8)(1), builder.gep(flags, [given[1]]), "release", 1)
+        flag = address_of(context, builder, signature.args[0], given[0], given[1])
+        builder.store_atomic(BYTE(1), flag, "release", 1)
         return context.get_dummy_value()
 
     return types.void(made, types.intp), generate

@@ -13,7 +13,6 @@ from relight3d.recover import bounce, diffuse, indirect, shade, sites, texture, 
 from relight3d.recover.rounds.light import calm_radiance, direct_irradiance
 from relight3d.recover.rounds.state import SCENE_NOISE_DB, Evidence, Fitted, Stage, edge_trust
 from relight3d.recover.rounds.texturing import judge_texture, looks_textured, surface_medians
-from relight3d.recover.surfaces import neighbours
 
 MIN_INFORMATION = 0.05  # of the median: a pixel with so much is believed by half
 LEAST_OF_SURFACE, LEAST_OF_SCENE = 0.05, 0.002  # of their medians: a panel is no darker
@@ -97,9 +96,8 @@ def _fit_albedo(
         place = unseen.places(stage.mesh, stage.points.position, stage.points.normal)
         is_told = observed.is_interior & (least_told > SURELY_TOLD)
         around = unseen.continued(place, away, piece, is_told)
-        near = neighbours(stage.points, stage.camera)
         asked = least_told < HARDLY_TOLD
-        shown = shade.texture_in_shade(observed, target, direct, stage.points, piece, asked, near, stage.white)
+        shown = shade.texture_in_shade(observed, target, direct, stage.points, piece, asked, stage.near, stage.white)
         around = np.where(shown.is_found[:, None], shown.away, around)
         relative[~is_told] += ((1.0 - told) * around)[~is_told].astype(np.float32)
     relative = np.maximum(relative, np.float32(LEAST_OF_PANEL))
@@ -251,7 +249,7 @@ def diffuse_weights(stage: Stage, observed: Observations, fitted: Fitted) -> np.
     weight = weight * edge_trust(observed)[:, 0]
     if observed.thrown is not None and fitted.solution is None:
         # The mirrors' reflectance is not known yet, so what they throw is left out.
-        weight = weight * ~(observed.thrown.max(axis=(0, 3)) > 0)
+        weight = weight * ~observed.is_thrown
     if fitted.specular is None:
         weight = weight * ~observed.is_highlight
         weight = weight if observed.is_thrown_highlight is None else weight * ~observed.is_thrown_highlight

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from relight3d.effects import forced_states
 from relight3d.maths.least_squares import Solution
 from relight3d.records import Lobe, Mirror, Observations, PatchMesh, ShadingPoints, Surfaces
 from relight3d.recover import bounce, diffuse, indirect, sites
+from relight3d.recover.surfaces import neighbours
 from relight3d.tracing import RayScene
 
 if TYPE_CHECKING:
@@ -43,6 +45,11 @@ class Stage:
     softening: float
     white: float  # the radiance that shows as white, in normalised photographs
     forced: Mapping[tuple[str, int], bool] = field(default_factory=dict)  # effects that a person switched
+
+    @cached_property
+    def near(self) -> np.ndarray:
+        """Pairs of neighbouring points, once for all rounds."""
+        return neighbours(self.points, self.camera)
 
 
 @dataclass(frozen=True, eq=False)
