@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int8, Int32
+from jaxtyping import Bool, Float32, Float64, Int8, Int16, Int32
 
 from relight3d.camera import Camera
 from relight3d.lights import Light
@@ -328,11 +328,12 @@ class Residual:
     A pixel misses one thing in the light (a normal, a lobe) and another in shadow (the indirect light), so there are two
     sets of modes, blended by how far the light is seen:
     radiance += strength(light) * sum_k modes[pixel, k] * (weights[k] . kernel(light, anchors)).
+    Modes are in whole steps that nobody sees; the weights hold the unit.
     """
 
-    lit_modes: Float32[np.ndarray, "pixel lit 3"]
+    lit_modes: Int16[np.ndarray, "pixel lit 3"] | Float32[np.ndarray, "pixel lit 3"]  # float32: in files of earlier versions
     lit_weights: Float64[np.ndarray, "lit light"]
-    dark_modes: Float32[np.ndarray, "pixel dark 3"]
+    dark_modes: Int16[np.ndarray, "pixel dark 3"] | Float32[np.ndarray, "pixel dark 3"]
     dark_weights: Float64[np.ndarray, "dark light"]
     anchors: Float64[np.ndarray, "light 3"]
     lit_length_rad: float

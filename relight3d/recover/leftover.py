@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from relight3d.views import View
 
 PASSING = 4.0  # robust deviations: what misses by more does not carry over
+UNSEEN = 1e-4  # of white: a step of a mode, below what 8 bits or noise show
 SHARED_PX = 2.0  # deviation of the Gaussian over which pixels share a misfit: noise in it has a seventh of its size
 
 
@@ -51,7 +52,8 @@ def with_residual(stage: Stage, observed: Observations, model: RelightModel) -> 
         return model
     if ("residual", SCENE) in stage.forced:
         options = replace(options, min_state_gain_db=ANY_GAIN)
-    return replace(model, residual=residual.fit_residual(misfits, used, fits, options))
+    unseen = UNSEEN * stage.white / float(given.strength.max())
+    return replace(model, residual=residual.fit_residual(misfits, used, fits, options, unseen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +247,9 @@ def _background(stage: Stage, observed: Observations, model: RelightModel, rows:
     sums = indirect.SiteSums(weight, weight * observed.radiance[:, rows].transpose(1, 0, 2))
     nowhere = np.zeros((1, 3), np.float32)
     most = BASES[model.indirect.basis]
-    lit, _ = indirect.choose_design(sums, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect, most)
+    lit, _ = indirect.choose_design(
+        sums, observed, nowhere, stage.anchors, stage.softening, stage.options.indirect, most
+    )
     solution = indirect.solve_sites(sums, lit)
     record, _ = indirect.indirect_of(solution, lit, observed, "pixel", stage.anchors, stage.softening)
     points = stage.points.take(rows)

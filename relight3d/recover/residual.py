@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int32
+from jaxtyping import Bool, Float, Float32, Float64, Int16, Int32
 
 from relight3d.errors import InputError
 from relight3d.records import Residual
 
 MOST_PAIRS = 8_000_000  # of photographs, over the points by which a kernel is judged: 64 MB a matrix
+MOST_STEPS = 32512  # of a mode: what two bytes hold, the upper one at most 127
 MOST_LEVERAGE = 0.7  # of a photograph on the fits before the residual: beyond, no light is like its own
 
 
@@ -234,28 +235,31 @@ def fit_residual(
     states: Mapping[str, Bool[np.ndarray, "photo point"]],
     fits: Mapping[str, ResidualFit],
     options: ResidualOptions,
+    unseen: float,
 ) -> Residual:
     """The misfits of the two states as kriging weights, each compressed to a few modes.
 
     `states` are the known entries "lit" and "dark", `fits` the kernel of each; a state whose kernel gains nothing gets
-    no modes.
+    no modes. The modes are whole numbers: of steps that make `unseen` in none of the photographs.
     """
     parts, anchors = {}, misfits["lit"].anchors
     for name in ("lit", "dark"):
         fit, of_state = fits[name], misfits[name]
         worth = fit.gain_db > options.min_state_gain_db
-        parts[name] = _modes(of_state, states[name], fit, options if worth else None)
+        parts[name] = _modes(of_state, states[name], fit, options if worth else None, unseen)
     return Residual(
         parts["lit"][0], parts["lit"][1], parts["dark"][0], parts["dark"][1], anchors,
         fits["lit"].length_rad, fits["dark"].length_rad,
     )  # fmt: skip
 
 
-def _modes(misfits: Misfits, is_known: np.ndarray, fit: ResidualFit, options: ResidualOptions | None) -> tuple:
+def _modes(
+    misfits: Misfits, is_known: np.ndarray, fit: ResidualFit, options: ResidualOptions | None, unseen: float
+) -> tuple[Int16[np.ndarray, "point mode 3"], Float64[np.ndarray, "mode photo"]]:
     """Modes by the singular vectors of what the kriging predicts: a mode is kept for what it shows."""
     num_photos, num_points, _ = misfits.value.shape
     if options is None:
-        return np.zeros((num_points, 0, 3), np.float32), np.zeros((0, num_photos))
+        return np.zeros((num_points, 0, 3), np.int16), np.zeros((0, num_photos))
     covariance = kernel(misfits.anchors, misfits.anchors, fit.length_rad)
     weights = np.zeros(misfits.value.shape, np.float32)
     for part, nugget in _parts(misfits, fit):
@@ -268,10 +272,12 @@ def _modes(misfits: Misfits, is_known: np.ndarray, fit: ResidualFit, options: Re
     modes = int(min(options.max_modes, np.searchsorted(share, options.energy) + 1, num_photos))
     basis = vectors[:, :modes]
     amplitudes = (basis.T.astype(np.float32) @ predicted).reshape(modes, num_points, 3)
+    step = np.maximum(unseen / np.abs(basis).max(axis=0), np.abs(amplitudes).max(axis=(1, 2), initial=0.0) / MOST_STEPS)
+    whole = np.rint(amplitudes / step[:, None, None].astype(np.float32)).astype(np.int16)
     # prediction(light) = kernel(light) @ covariance^-1 @ basis @ amplitudes; the jitter bounds coincident lights.
     jitter = 1e-6 * np.eye(num_photos)
-    weights = np.linalg.solve(covariance + jitter, basis).T
-    return np.ascontiguousarray(amplitudes.transpose(1, 0, 2), np.float32), weights
+    weights = np.linalg.solve(covariance + jitter, basis * step).T
+    return np.ascontiguousarray(whole.transpose(1, 0, 2)), weights
 
 
 def _kriging_weights(

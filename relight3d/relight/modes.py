@@ -25,19 +25,17 @@ _blocks: "WeakKeyDictionary[Residual, dict[tuple[bool, str], tuple]]" = WeakKeyD
 class Rows(NamedTuple):
     """One state's modes: rows of values, a few for each block of pixels; value = entry * step.
 
-    In int16 a mode has steps of 1/32767 of its peak in the block. Where a step could be seen, a second row of the same
-    mode holds what the first leaves; where all of it could not, it has no row.
+    Whole numbers are cut into bytes, each a row of its own with 256 times the step of the one before: most blocks of
+    most modes fill one byte, and what is all 0 has no row.
     """
 
-    entries: np.ndarray  # row x (3 LANES), float32 or int16
+    entries: np.ndarray  # row x (3 LANES), float32 or int8
     step: Float32[np.ndarray, " row"]
     mode: Int32[np.ndarray, " row"]  # whose weight the row has
     start: Int32[np.ndarray, " block_and_end"]  # the rows of block b: start[b] to start[b + 1]
 
 
-NO_ROWS = Rows(
-    np.zeros((0, 3 * LANES), np.int16), np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(1, np.int32)
-)
+NO_ROWS = Rows(np.zeros((0, 3 * LANES), np.int8), np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(1, np.int32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +131,10 @@ def read_shares(
 
 
 def in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Float64[np.ndarray, " mode"]) -> Rows:
-    """modes[rows] by blocks; rows below 0 and the padding are zero. What is below 1 / loudness cannot be seen."""
-    num_blocks, num_modes = -(-len(rows) // LANES), modes.shape[1]
+    """modes[rows] by blocks; rows below 0 and the padding are zero. Modes in whole steps stay as they are but in int8; of
+    others what is below 1 / loudness cannot be seen.
+    """
+    num_blocks, num_modes, is_whole = -(-len(rows) // LANES), modes.shape[1], modes.dtype.kind == "i"
     parts: list[tuple[np.ndarray, ...]] = []
     for first in range(0, num_blocks, 256):  # in parts, so that no second copy of everything is held
         part = rows[first * LANES : (first + 256) * LANES]
@@ -143,7 +143,7 @@ def in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Flo
         padded[: len(part)] = np.where((part >= 0)[:, None, None], modes[np.maximum(part, 0)], 0)
         blocks = padded.reshape(count, LANES, num_modes, 3).transpose(0, 2, 3, 1).reshape(count, num_modes, 3 * LANES)
         if precision == "int16":
-            parts.append(_quantised(blocks, loudness))
+            parts.append(_in_bytes(blocks, np.ones(num_modes) if is_whole else 2.0 / np.maximum(loudness, 1e-30)))
         elif precision == "int8":
             parts.append(_rounded(blocks, loudness))
         else:
@@ -155,17 +155,18 @@ def in_blocks(modes: np.ndarray, rows: np.ndarray, precision: str, loudness: Flo
     return Rows(entries, step, mode.astype(np.int32), np.append(0, np.cumsum(counts)).astype(np.int32))
 
 
-def _quantised(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows in int16, their steps and modes, and how many each block has."""
-    num_modes = blocks.shape[1]
-    peak = np.abs(blocks).max(axis=2)
-    step = np.maximum(peak, np.float32(1e-30)) / np.float32(32767)
-    coarse = np.rint(blocks / step[..., None])
-    finer = step / np.float32(65000)  # half a step, and room for rounding
-    fine = np.rint((blocks - coarse * step[..., None]) / finer[..., None])
-    both, steps = np.concatenate([coarse, fine], axis=1).astype(np.int16), np.concatenate([step, finer], axis=1)
-    kept = np.concatenate([peak * loudness > 1, step / 2 * loudness > 1], axis=1)
-    return both[kept], steps[kept], np.nonzero(kept)[1] % max(num_modes, 1), kept.sum(axis=1)
+def _in_bytes(blocks: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of the bytes of `blocks` in whole steps of each mode, their steps and modes, and how many each block has."""
+    step, rest = step.astype(np.float32), np.rint(blocks / step[:, None].astype(np.float32)).astype(np.int32)
+    entries, steps = [np.zeros((len(blocks), 0, blocks.shape[2]), np.int8)], [np.zeros((len(blocks), 0), np.float32)]
+    while rest.any():
+        low = ((rest + 128) & 255) - 128
+        entries.append(low.astype(np.int8))
+        steps.append(np.broadcast_to(step, rest.shape[:2]))
+        step, rest = step * np.float32(256), (rest - low) >> 8
+    both, steps = np.concatenate(entries, axis=1), np.concatenate(steps, axis=1)
+    kept = both.any(axis=2)
+    return both[kept], steps[kept], np.nonzero(kept)[1] % max(blocks.shape[1], 1), kept.sum(axis=1)
 
 
 def _rounded(blocks: np.ndarray, loudness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -65,7 +65,7 @@ def test_noise_is_left_behind_where_what_pixels_share_carries_over():
 
 # ------------------------------------------------------------------------- by hand: one photograph after the other
 
-LENGTH_DEG, NUGGET = 60.0, 0.4
+LENGTH_DEG, NUGGET, UNSEEN = 60.0, 0.4, 1e-6
 ONE_KERNEL = ResidualOptions(lengths_deg=(LENGTH_DEG,), nuggets=(NUGGET,), own_nuggets=(NUGGET,))
 
 
@@ -170,7 +170,7 @@ def test_what_is_carried_over_gaps_is_kriging() -> None:
     known[:, 15:] = known[:, :5]
     given = Misfits(np.where(known[..., None], value, 1e3), value, np.ones_like(value), np.ones((9, 20)), anchors)
     fits = {name: ResidualFit(np.radians(LENGTH_DEG), NUGGET, 1.0) for name in ("lit", "dark")}
-    found = fit_residual({n: given for n in fits}, {n: known for n in fits}, fits, ResidualOptions(energy=1.0))
+    found = fit_residual({n: given for n in fits}, {n: known for n in fits}, fits, ResidualOptions(energy=1.0), UNSEEN)
     new = np.array([[0.0, 0.6, 0.8], [0.48, -0.64, 0.6]])
     got = np.einsum("lk,pkc->lpc", kernel(new, anchors, np.radians(LENGTH_DEG)) @ found.lit_weights.T, found.lit_modes)
     for point, k in enumerate(known.T):
@@ -204,7 +204,7 @@ def test_the_record_predicts_what_the_photographs_do() -> None:
         "dark": ResidualFit(np.radians(30.0), NUGGET, 1.0, own_nugget=np.inf),
     }
     options = ResidualOptions(energy=1.0)
-    found = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, fits, options)
+    found = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, fits, options, UNSEEN)
     new = np.array([[0.0, 0.6, 0.8], [0.48, -0.64, 0.6]])
     for modes, weights, length, misfit, length_deg in (
         (found.lit_modes, found.lit_weights, found.lit_length_rad, value, 60.0),
@@ -214,7 +214,7 @@ def test_the_record_predicts_what_the_photographs_do() -> None:
         wanted = kriged(new, anchors, misfit.reshape(8, -1), length_deg).reshape(2, 5, 3)
         np.testing.assert_allclose(got, wanted, atol=1e-4)  # float32, and the jitter of 1e-6
     idle = {"lit": fits["lit"], "dark": ResidualFit(1.0, NUGGET, 0.05)}
-    dark = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, idle, options).dark_modes
+    dark = fit_residual({"lit": given, "dark": given}, {"lit": known, "dark": known}, idle, options, UNSEEN).dark_modes
     assert dark.shape == (5, 0, 3)
 
 
@@ -224,12 +224,32 @@ def test_what_is_a_pixels_own_is_carried_by_a_nugget_of_its_own() -> None:
     given, known = Misfits(value, shared, np.ones_like(value), np.ones((8, 5)), anchors), np.ones((8, 5), bool)
     fit = ResidualFit(np.radians(60.0), NUGGET, 1.0, own_nugget=5.0)
     states = {name: known for name in ("lit", "dark")}
-    found = fit_residual({n: given for n in states}, states, {n: fit for n in states}, ResidualOptions(energy=1.0))
+    found = fit_residual(
+        {n: given for n in states}, states, {n: fit for n in states}, ResidualOptions(energy=1.0), UNSEEN
+    )
     system = kernel(anchors, anchors, fit.length_rad)
     parts = ((shared, NUGGET), (value - shared, 5.0))
     wanted = sum(system @ np.linalg.solve(system + n * np.eye(8), part.reshape(8, -1)) for part, n in parts)
     got = np.einsum("lk,pkc->lpc", system @ found.lit_weights.T, found.lit_modes)
     np.testing.assert_allclose(got.reshape(8, -1), wanted, atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e6])
+def test_modes_are_whole_steps_that_photographs_do_not_show(size: float) -> None:
+    """What is unseen is 0, what two bytes cannot hold in such steps has larger ones, and what is between is off by them."""
+    anchors, rng, unseen = lights(8), np.random.default_rng(11), 0.01
+    value, known = size * rng.normal(size=(8, 50, 3)).astype(np.float32), np.ones((8, 50), bool)
+    given = Misfits(value, value, np.ones_like(value), np.ones((8, 50)), anchors)
+    states, fit = {name: known for name in ("lit", "dark")}, ResidualFit(1.0, NUGGET, 1.0)
+    pairs = {name: given for name in states}, states, {name: fit for name in states}
+    found = fit_residual(*pairs, ResidualOptions(energy=1.0), unseen)
+    assert found.lit_modes.dtype == np.int16
+    assert found.lit_modes.any() == (size > unseen)
+    system = kernel(anchors, anchors, 1.0)
+    got = np.einsum("lk,pkc->lpc", system @ found.lit_weights.T, found.lit_modes)
+    wanted = (system @ np.linalg.solve(system + NUGGET * np.eye(8), value.reshape(8, -1))).reshape(value.shape)
+    at_most = 8 * max(unseen, np.abs(wanted).max() * 8**0.5 / 32512) / 2  # each of eight modes by half a step
+    assert np.abs(got - wanted).max() < at_most + 2e-5 * size
 
 
 def test_the_modes_kept_are_those_that_show_most() -> None:
@@ -246,7 +266,7 @@ def test_the_modes_kept_are_those_that_show_most() -> None:
         (ResidualOptions(energy=1.0, max_modes=1), 1),
         (ResidualOptions(energy=1.0, max_modes=2), 2),
     ):
-        found = fit_residual(*pairs, options)
+        found = fit_residual(*pairs, options, UNSEEN)
         assert found.lit_modes.shape == (2, num_modes, 3)
         got = np.einsum("lk,pkc->lpc", kernel(anchors, anchors, 1.0) @ found.lit_weights.T, found.lit_modes)
         system = kernel(anchors, anchors, 1.0)

@@ -66,14 +66,17 @@ def random_indirect(model: RelightModel, basis: str, site: str, rng: np.random.G
     return Indirect(basis, site, coefficients, ambient, anchors, 0.4, 0.3, True)
 
 
+STEP = 1e-4  # of a residual's modes
+
+
 def random_residual(num_points: int, rng: np.random.Generator, num_modes: int = 5) -> Residual:
     """Modes of falling strength."""
     fall = 0.05 / (1 + np.arange(num_modes, dtype=np.float32))[:, None]
-    lit, dark = (fall * rng.normal(size=(num_points, num_modes, 3)).astype(np.float32) for _ in range(2))
+    lit, dark = (np.rint(fall / STEP * rng.normal(size=(num_points, num_modes, 3))).astype(np.int16) for _ in range(2))
     anchors = rng.normal(size=(6, 3))
     anchors /= np.linalg.norm(anchors, axis=1, keepdims=True)
-    weights = rng.normal(size=(2, num_modes, 6))
-    return Residual(lit.astype(np.float32), weights[0], dark.astype(np.float32), weights[1], anchors, 0.6, 0.9)
+    weights = STEP * rng.normal(size=(2, num_modes, 6))
+    return Residual(lit, weights[0], dark, weights[1], anchors, 0.6, 0.9)
 
 
 def other_camera(model: RelightModel, turn_rad: float = 0.15) -> Camera:

@@ -273,23 +273,38 @@ def test_lobes_of_any_exponent(exponent: float) -> None:
     assert worst_difference(ours, wanted, 1 / model.exposure) < max(RELATIVE, 3e-7 * exponent)
 
 
-def test_int16_is_off_by_what_nobody_sees() -> None:
+def test_whole_modes_are_packed_without_loss() -> None:
     model = models.full()
     exact = Relighter(model, options=RelightOptions(precision="float32")).render(models.LIGHTS["several"]).radiance
-    short = Relighter(model, options=RelightOptions(precision="int16")).render(models.LIGHTS["several"]).radiance
-    # 1e-6 of white for each of ten modes and four lights, some of them brighter than the capture's.
-    assert 0 < np.abs(short - exact).max() < 4e-5 / model.exposure
+    packed = Relighter(model, options=RelightOptions(precision="int16")).render(models.LIGHTS["several"]).radiance
+    np.testing.assert_allclose(packed, exact, atol=1e-6 / model.exposure)
 
 
-def test_strong_modes_get_a_second_row_and_unseen_ones_none() -> None:
+def test_other_modes_are_off_by_what_nobody_sees() -> None:
+    """As a file of an earlier version holds them."""
     model = models.full()
     assert model.residual is not None
-    scale = np.array([1e3, 1, 1, 1, 1e-9], np.float32)[:, None]
-    residual = replace(model.residual, lit_modes=model.residual.lit_modes * scale)
+    halves = {
+        f"{state}_modes": getattr(model.residual, f"{state}_modes") + np.float32(0.3) for state in ("lit", "dark")
+    }
+    model = replace(model, residual=replace(model.residual, **halves))
+    exact = Relighter(model, options=RelightOptions(precision="float32")).render(models.LIGHTS["several"]).radiance
+    packed = Relighter(model, options=RelightOptions(precision="int16")).render(models.LIGHTS["several"]).radiance
+    # 1e-6 of white for each of ten modes and four lights, some of them brighter than the capture's.
+    assert 0 < np.abs(packed - exact).max() < 4e-5 / model.exposure
+
+
+def test_strong_modes_get_a_second_row_and_empty_ones_none() -> None:
+    model = models.full()
+    assert model.residual is not None
+    modes = model.residual.lit_modes // 32  # one byte holds them
+    modes[:, 0], modes[:, 4] = 128, 0
+    modes[::7, 0] = -129
+    residual = replace(model.residual, lit_modes=modes)
     rows = Relighter(replace(model, residual=residual))._engine.buffers.modes.lit
     num_blocks = len(rows.start) - 1
-    counts = np.bincount(rows.mode, minlength=5)
-    assert counts[0] == 2 * num_blocks and counts[4] == 0
+    np.testing.assert_array_equal(np.bincount(rows.mode, minlength=5), np.array([2, 1, 1, 1, 0]) * num_blocks)
+    assert set(rows.step) == {1, 256}
 
 
 def test_an_empty_view() -> None:
