@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64, Int32
 
 from relight3d.errors import InputError
 from relight3d.maths.bounded_fit import fit_bounded
 from relight3d.maths.decibels import gain_db
 from relight3d.maths.lafortune import MAX_EXPONENT, tangent_frame
 from relight3d.records import Lobe
-from relight3d.shading import lobe_brdf
+from relight3d.shading import largest_albedo, lobe_brdf
 from relight3d.tracing import over_threads
 
 POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
@@ -28,6 +28,8 @@ NUM_COMPARED = 4000  # points of a surface by which kinds of detail are compared
 NUM_JOINT, JOINT_SAMPLES = 2000, 12_000  # points, and pixels of photographs, by which lobes are fitted beside tilts
 JOINT_STEPS = 7
 MAX_RESHAPING = 4.0  # of an exponent
+MIN_PHOTOS = 4  # with fewer, none is left out
+LEAST_ENERGY = 1e-3  # of what arrives: lobes that send back less have inks of at most its reciprocal
 MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 
 
@@ -39,10 +41,14 @@ class DetailOptions:
     damping: float = 0.02  # of the data's own mean information: a pixel that knows less moves less
     num_steps: int = 3
     min_gain_db: float = 0.15  # of left-out photographs, for a surface to have detail at all
+    num_inks: int = 4  # colours of a surface that may shine unlike; 1: all shine alike
+    min_ink_gain_db: float = 0.4  # of left-out photographs, for them to do so
 
     def __post_init__(self) -> None:
         if self.mode not in ("auto", "off", "normal", "lobe"):
             raise InputError("detail.mode", self.mode, "auto, off, normal or lobe")
+        if not 1 <= self.num_inks <= 16:
+            raise InputError("detail.num_inks", self.num_inks, "1 to 16")
 
 
 class Choice(NamedTuple):
@@ -67,16 +73,23 @@ class DetailData:
     normal: Float32[np.ndarray, "point 3"]  # the mesh's
     to_viewer: Float32[np.ndarray, "point 3"]
     position: Float32[np.ndarray, "point 3"] | None = None  # for brushed lobes
+    ink: Int32[np.ndarray, " point"] | None = None  # which colour of its surface a point has, where these shine unlike
+    gain: Float32[np.ndarray, " point"] | None = None  # a factor on each point's lobes
 
 
 def perturb_normals(
     data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions, damping: float | None = None
 ) -> Float32[np.ndarray, "point 3"]:
-    """Unit normals tilted so that the photographs agree better: damped Gauss-Newton on two tilts per point."""
+    """Unit normals tilted so that the photographs agree better: damped Gauss-Newton on two tilts per point.
+
+    Where inks shine unlike, how strongly each does is told anew at every step.
+    """
     damping = options.damping if damping is None else damping
     tangent, bitangent = tangent_frame(data.normal)
     tilt = np.zeros((len(data.normal), 2), np.float32)
     for _ in range(options.num_steps):
+        if data.ink is not None:
+            data = replace(data, gain=ink_gains(data, lobes, white, _tilted(data.normal, tangent, bitangent, tilt)))
         gram, moment = _normal_equations(data, lobes, white, tangent, bitangent, tilt)
         trace = gram[:, 0] + gram[:, 2]
         typical = float(np.mean(trace[trace > 0])) if (trace > 0).any() else 1.0
@@ -95,18 +108,57 @@ def perturb_normals(
 def lobe_gains(
     data: DetailData, lobes: tuple[Lobe, ...], white: float, options: DetailOptions
 ) -> Float32[np.ndarray, " point"]:
-    """A factor on each point's lobe, by damped least squares; 1 where no photograph shows a highlight."""
-    top = np.zeros(len(data.normal))
-    bottom = np.zeros(len(data.normal))
+    """A factor on each point's lobe, by damped least squares; its ink's where no photograph shows a highlight."""
+    base = np.ones(len(data.normal), np.float32) if data.ink is None else ink_gains(data, lobes, white, data.normal)
+    top, bottom = _gain_equations(replace(data, gain=base), lobes, white, data.normal)
+    ridge = options.damping * float(bottom.mean()) if len(bottom) else 0.0
+    gain = 1.0 + top / np.maximum(bottom + ridge, 1e-30)
+    return base * np.clip(np.where(bottom > 0, gain, 1.0), 0.2, 5.0).astype(np.float32)
+
+
+def ink_gains(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, normal: np.ndarray
+) -> Float32[np.ndarray, " point"]:
+    """A factor on the lobes of each ink, by least squares over all its points under some normals; 1 without highlights.
+
+    None sends back more light than there is. Differs from the paper: eq. (6) asks each pixel, and few of them have seen a
+    highlight.
+    """
+    assert data.ink is not None, "a surface of one ink"
+    num = int(data.ink.max(initial=0)) + 1
+    top, bottom = _gain_equations(replace(data, gain=None), lobes, white, normal)
+    top, bottom = (np.bincount(data.ink, each, num) for each in (top, bottom))
+    gain = np.where(bottom > 0, 1.0 + top / np.maximum(bottom, 1e-30), 1.0)
+    energy = float(np.max(sum(lobe.color * largest_albedo(lobe) for lobe in lobes), initial=LEAST_ENERGY))
+    return np.clip(gain, 0.0, max(1.0, 1.0 / energy))[data.ink].astype(np.float32)
+
+
+def _gain_equations(
+    data: DetailData, lobes: tuple[Lobe, ...], white: float, normal: np.ndarray
+) -> tuple[Float64[np.ndarray, " point"], Float64[np.ndarray, " point"]]:
+    """Of each point, what the photographs leave times its highlights, and those squared."""
+    top, bottom = np.zeros(len(normal)), np.zeros(len(normal))
     for photo in range(len(data.measured)):
-        diffuse, specular = _shade(data, lobes, data.normal, photo)
+        diffuse, specular = _shade(data, lobes, normal, photo)
         calm = _slope(data.measured[photo], white) * data.weight[photo][:, None]
         left = data.measured[photo] - diffuse - specular
         top += (calm * left * specular).sum(axis=1)
         bottom += (calm * specular * specular).sum(axis=1)
-    ridge = options.damping * float(bottom.mean()) if len(bottom) else 0.0
-    gain = 1.0 + top / np.maximum(bottom + ridge, 1e-30)
-    return np.clip(np.where(bottom > 0, gain, 1.0), 0.2, 5.0).astype(np.float32)
+    return top, bottom
+
+
+def ink_errors(data: DetailData, lobes: tuple[Lobe, ...], white: float, num_folds: int = 3) -> Float64[np.ndarray, "2"]:
+    """By how much left-out photographs are missed without and with a factor on the lobes of each ink."""
+    everything = np.arange(len(data.measured))
+    if len(everything) < MIN_PHOTOS:
+        return np.ones(2)
+    sample = _points(data, slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED))))
+    plain, errors = np.ones(len(sample.normal), np.float32), np.zeros(2)
+    for fold in range(num_folds):
+        out = everything[fold::num_folds]
+        gain = ink_gains(_photos(sample, np.setdiff1d(everything, out)), lobes, white, sample.normal)
+        errors += [misfit(sample, lobes, white, sample.normal, each, out) for each in (plain, gain)]
+    return errors
 
 
 def misfit(
@@ -138,21 +190,25 @@ def choose_detail(
         if options.mode == "auto"
         else {options.mode: dampings or (options.damping,)}
     )
-    if options.mode == "off" or num_photos < 4 or (options.mode == "lobe" and not lobes):
+    if options.mode == "off" or num_photos < MIN_PHOTOS or (options.mode == "lobe" and not lobes):
         return Choice("off", options.damping, 0.0, np.inf)
     thin = slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED)))
     sample = _points(data, thin)
     plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
     outs = [everything[fold::num_folds] for fold in range(num_folds)]
     tries = [(mode, damping) for mode, dampings in modes.items() for damping in dampings if mode == "normal" or lobes]
+    if data.ink is not None and options.mode == "auto":
+        tries.append(("ink", 0.0))
 
     def error_of(job: tuple) -> float:
         out, mode, damping = job
-        normal, gain = sample.normal, plain
+        normal, gain, known = sample.normal, plain, _photos(sample, np.setdiff1d(everything, out))
         if mode == "normal":
-            normal = perturb_normals(_photos(sample, np.setdiff1d(everything, out)), lobes, white, options, damping)
+            normal = perturb_normals(known, lobes, white, options, damping)
+        if mode in ("normal", "ink") and data.ink is not None:
+            gain = ink_gains(known, lobes, white, normal)
         elif mode == "lobe":
-            gain = lobe_gains(_photos(sample, np.setdiff1d(everything, out)), lobes, white, options)
+            gain = lobe_gains(known, lobes, white, options)
         return misfit(sample, lobes, white, normal, gain, out)
 
     jobs = [(out, *each) for each in [("off", 0.0), *tries] for out in outs]
@@ -178,15 +234,19 @@ def lobes_beside_tilts(
 
     def miss_of(job: tuple) -> np.ndarray:
         out, trial = job
-        normal = perturb_normals(_photos(thin, np.setdiff1d(everything, out)), trial, white, options)
-        return np.stack([_compressed_miss(thin, trial, white, normal, 1.0, photo) for photo in out.tolist()])
+        known = _photos(thin, np.setdiff1d(everything, out))
+        normal = perturb_normals(known, trial, white, options)
+        gain = 1.0 if known.ink is None else ink_gains(known, trial, white, normal)[:, None]
+        return np.stack([_compressed_miss(thin, trial, white, normal, gain, photo) for photo in out.tolist()])
 
     def residual(x: np.ndarray) -> np.ndarray:
         trial = tuple(_reshaped(lobe, facing, *each) for lobe, each in zip(lobes, x.reshape(-1, 2), strict=True))
         return np.concatenate([miss.ravel() for miss in over_threads(miss_of, [(out, trial) for out in outs])])
 
     limits = np.tile(np.log([MAX_RESHAPING, MAX_RESHAPING**2]), len(lobes))
-    fit = fit_bounded(residual, [np.zeros(len(limits))], -limits, limits, "linear", max_evaluations=JOINT_STEPS, step=0.05)
+    fit = fit_bounded(
+        residual, [np.zeros(len(limits))], -limits, limits, "linear", max_evaluations=JOINT_STEPS, step=0.05
+    )
     return tuple(_reshaped(lobe, facing, *each) for lobe, each in zip(lobes, fit.value.reshape(-1, 2), strict=True))
 
 
@@ -239,6 +299,7 @@ def _shade(data: DetailData, lobes: tuple[Lobe, ...], normal: np.ndarray, photo:
     diffuse = data.albedo / np.float32(np.pi) * form + data.other[photo]
     if not lobes:
         return diffuse, np.zeros_like(diffuse)
+    form = form if data.gain is None else form * data.gain[:, None]
     return diffuse, lobe_brdf(lobes, normal, to_light, data.to_viewer, data.position) * form
 
 
@@ -257,7 +318,7 @@ def _points(data: DetailData, part: slice | np.ndarray) -> DetailData:
     per_photo = {n: getattr(data, n)[:, part] for n in ("falloff", "measured", "other", "weight")}
     shared = data.to_light.shape[1] == 1
     per_point = {n: getattr(data, n)[part] for n in ("albedo", "normal", "to_viewer")}
-    per_point["position"] = None if data.position is None else data.position[part]
+    per_point |= _optional(data, part)
     return DetailData(to_light=data.to_light if shared else data.to_light[:, part], **per_photo, **per_point)
 
 
@@ -266,13 +327,16 @@ def _entries(data: DetailData, photo: np.ndarray, point: np.ndarray) -> DetailDa
     per_photo = {n: getattr(data, n)[photo, point][None] for n in ("falloff", "measured", "other", "weight")}
     to_light = data.to_light[photo, point if data.to_light.shape[1] > 1 else 0][None]
     per_point = {n: getattr(data, n)[point] for n in ("albedo", "normal", "to_viewer")}
-    per_point["position"] = None if data.position is None else data.position[point]
+    per_point |= _optional(data, point)
     return DetailData(to_light=to_light, **per_photo, **per_point)
 
 
 def _photos(data: DetailData, photos: slice | np.ndarray) -> DetailData:
     """Some of the photographs."""
     chosen = {n: getattr(data, n)[photos] for n in ("to_light", "falloff", "measured", "other", "weight")}
-    return DetailData(
-        **chosen, albedo=data.albedo, normal=data.normal, to_viewer=data.to_viewer, position=data.position
-    )
+    return replace(data, **chosen)
+
+
+def _optional(data: DetailData, part: slice | np.ndarray) -> dict[str, np.ndarray | None]:
+    given = {name: getattr(data, name) for name in ("position", "ink", "gain")}
+    return {name: None if each is None else each[part] for name, each in given.items()}

@@ -41,11 +41,11 @@ def plain_capture(size: int = 1) -> Capture:
     camera = scene_camera(size * WIDTH, size * HEIGHT)
     fine = Scene(joined(parts), materials, scene_camera(4 * camera.width, 4 * camera.height))
     capture = synthesize(fine, hemisphere_lights(12, seed=1), test_lights=hemisphere_lights(4, 30.0, 75.0, seed=2))
-    photographs = tuple(replace(p, camera=camera, pixels=_means(p.pixels)) for p in capture.photographs)
+    photographs = tuple(replace(p, camera=camera, pixels=means(p.pixels)) for p in capture.photographs)
     return replace(capture, camera=camera, photographs=photographs)
 
 
-def _means(picture: np.ndarray) -> np.ndarray:
+def means(picture: np.ndarray) -> np.ndarray:
     """Means of 4 x 4 pixels; what misses the mesh is black, and a part of them."""
     height, width = picture.shape[0] // 4, picture.shape[1] // 4
     return picture.reshape(height, 4, width, 4, -1).mean(axis=(1, 3))

@@ -13,8 +13,10 @@ from relight3d.shading import lobe_brdf
 LOBES = (Lobe(np.full(3, 0.3), np.array([-1.0, -1.0, 1.0]), 8.0),)
 
 
-def bumpy(num: int = 400, num_photos: int = 9, lobes: tuple[Lobe, ...] = LOBES) -> tuple[detail.DetailData, np.ndarray]:
-    """A flat surface with tilted normals, photographed without noise; and those normals."""
+def bumpy(
+    num: int = 400, num_photos: int = 9, lobes: tuple[Lobe, ...] = LOBES, gains: tuple[float, ...] = (1.0,)
+) -> tuple[detail.DetailData, np.ndarray]:
+    """A flat surface with tilted normals, its points in turn of inks of these gains, without noise; and those normals."""
     rng = np.random.default_rng(5)
     flat = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (num, 1))
     tangent, bitangent = tangent_frame(flat)
@@ -24,11 +26,11 @@ def bumpy(num: int = 400, num_photos: int = 9, lobes: tuple[Lobe, ...] = LOBES) 
     viewer = np.tile(np.array([0.0, -0.6, 0.8], np.float32), (num, 1))
     albedo, is_lit = np.full((num, 3), 0.5, np.float32), rng.random((num_photos, num, 1)) > 0.2
     falloff = (2.0 * is_lit).astype(np.float32)
-    measured = np.empty((num_photos, num, 3), np.float32)
+    measured, gain = np.empty((num_photos, num, 3), np.float32), np.resize(np.float32(gains), num)
     for k, way in enumerate(ways):
         to_light = np.broadcast_to(way, flat.shape)
         form = falloff[k] * np.maximum(tilted @ way[0], 0)[:, None]
-        measured[k] = (albedo / np.pi + lobe_brdf(lobes, tilted, to_light, viewer)) * form
+        measured[k] = (albedo / np.pi + gain[:, None] * lobe_brdf(lobes, tilted, to_light, viewer)) * form
     weight = np.ones((num_photos, num), np.float32)
     data = detail.DetailData(ways, falloff, measured, np.zeros_like(measured), weight, albedo, flat, viewer)
     return data, tilted
@@ -80,3 +82,50 @@ def test_extreme_lobes_stay_finite(exponent: float, axis: float) -> None:
     for side in (-1, 1):  # the ends of what the fit may try
         tried = detail._reshaped(lobes[0], 0.8, side * np.log(4.0), side * np.log(16.0))
         assert np.isfinite(tried.color).all() and 0 < tried.exponent <= 1e4
+
+
+GAINS = (0.2, 1.0, 2.5)
+
+
+def inked(gains: tuple[float, ...] = GAINS) -> tuple[detail.DetailData, np.ndarray]:
+    data, tilted = bumpy(600, 12, gains=gains)
+    return replace(data, ink=np.resize(np.arange(len(gains), dtype=np.int32), 600)), tilted
+
+
+def test_inks_and_tilts_are_told_together() -> None:
+    data, tilted = inked()
+    found = detail.perturb_normals(data, LOBES, 1.0, detail.DetailOptions(damping=1e-4, num_steps=15))
+    np.testing.assert_allclose(found, tilted, atol=2e-3)
+    np.testing.assert_allclose(detail.ink_gains(data, LOBES, 1.0, found)[:3], GAINS, rtol=0.02)
+    choice = detail.choose_detail(data, LOBES, 1.0, detail.DetailOptions())
+    blind = detail.choose_detail(replace(data, ink=None), LOBES, 1.0, detail.DetailOptions())
+    assert choice.error < 0.25 * blind.error
+
+
+def test_left_out_photographs_say_whether_inks_shine_unlike() -> None:
+    without, with_inks = detail.ink_errors(inked()[0], LOBES, 1.0)
+    assert with_inks < 0.5 * without
+    without, with_inks = detail.ink_errors(inked((1.0, 1.0, 1.0))[0], LOBES, 1.0)
+    assert with_inks > 0.95 * without
+    few = inked()[0]
+    few = replace(
+        few, **{name: getattr(few, name)[:3] for name in ("to_light", "falloff", "measured", "other", "weight")}
+    )
+    np.testing.assert_array_equal(detail.ink_errors(few, LOBES, 1.0), 1.0)
+
+
+def test_an_ink_that_no_highlight_tells_of_has_the_lobes_own_strength() -> None:
+    data, _ = inked()
+    weight = data.weight.copy()
+    weight[:, data.ink == 2] = 0
+    np.testing.assert_array_equal(detail.ink_gains(replace(data, weight=weight), LOBES, 1.0, data.normal)[2::3], 1.0)
+
+
+def test_points_of_an_ink_lean_on_it() -> None:
+    """Where a point's own photographs show no highlight, its gain is its ink's."""
+    data, tilted = inked()
+    weight = data.weight.copy()
+    weight[:, :3] = 0
+    gain = detail.lobe_gains(replace(data, weight=weight, normal=tilted), LOBES, 1.0, detail.DetailOptions())
+    np.testing.assert_allclose(gain[:3], GAINS, rtol=0.02)
+    np.testing.assert_allclose(gain[3:], np.resize(GAINS, 597), rtol=0.1)

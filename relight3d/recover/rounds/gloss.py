@@ -91,7 +91,7 @@ def _lobe_samples(
         normal=fitted.normal[point].astype(np.float64),
         to_light=to_light,
         to_viewer=stage.points.to_viewer[point].astype(np.float64),
-        form=form,
+        form=form * fitted.lobe_gain[point, None, None],  # what is explained is by the form without it
         measured=observed.radiance[photo, point].astype(np.float64),
         explained=fitted.albedo[point] / np.pi * (form.sum(axis=1) + fitted.irradiance[photo, point]),
         weight=np.ones(len(photo)),
