@@ -40,6 +40,17 @@ def flip_folds(
     return unfolded.astype(np.int32)
 
 
+def without_high_frequencies(
+    points: Float64[np.ndarray, "vertex 3"], faces: Int32[np.ndarray, "face 3"], num_steps: int
+) -> Float64[np.ndarray, "vertex 3"]:
+    """The points after so many steps of Taubin's two Laplacians, which keep the volume (Taubin 1995)."""
+    meshes = _mesh_set(points, faces)
+    meshes.apply_coord_taubin_smoothing(lambda_=0.5, mu=-0.53, stepsmoothnum=num_steps)
+    smooth = meshes.current_mesh().vertex_matrix()
+    assert smooth.shape == points.shape, "smoothing lost vertices"
+    return smooth
+
+
 def subdivide(
     points: Float64[np.ndarray, "vertex 3"],
     faces: Int32[np.ndarray, "face 3"],

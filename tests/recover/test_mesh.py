@@ -397,8 +397,50 @@ def test_the_same_mesh_twice_is_the_same():
         ("weld_tolerance", -1e-9),
         ("weld_tolerance", 1.0),
         ("min_face_height", float("inf")),
+        ("denoise_steps", -1),
     ],
 )
 def test_options_are_checked(name, value):
     with pytest.raises(InputError, match=rf"MeshOptions\.{name}: got "):
         MeshOptions(**{name: value})
+
+
+def rough_ball(noise: float, rings: int = 48) -> TriangleMesh:
+    """A ball whose vertices are off by a part of an edge; places stay together at the seam and the poles."""
+    mesh = ball(rings)
+    _, place = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True)
+    off = np.random.default_rng(4).normal(size=(int(place.max()) + 1, 3)) / 3**0.5
+    edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
+    return replace(mesh, vertices=mesh.vertices + noise * np.median(edge) * off[place.ravel()])
+
+
+def test_a_rough_scan_is_smoothed_and_said_to_be() -> None:
+    given = rough_ball(0.25)
+    out, left = (prepare_mesh(given, MeshOptions(target_faces=0, denoise_steps=steps)) for steps in (None, 0))
+    assert any("smoothed" in note for note in out.report.notes)
+    off, was_off = (np.abs(np.linalg.norm(each.vertices, axis=1) - 1).mean() for each in (out, left))
+    assert off < 0.6 * was_off
+    middle = out.vertices[out.faces].mean(axis=1)
+    turned, was_turned = (
+        np.degrees(np.arccos(np.clip(np.einsum("fi,fi->f", each.face_normals, middle), -1, 1))).mean()
+        for each in (out, left)
+    )
+    assert turned < 0.5 * was_turned
+    # What stood at one place still does.
+    _, place = np.unique(given.vertices, axis=0, return_inverse=True)
+    assert len(np.unique(out.vertices[: len(given.vertices)], axis=0)) <= place.max() + 1
+
+
+def test_an_even_mesh_and_a_coarse_one_keep_every_vertex() -> None:
+    room = join(*(cube(1.0, (2.0 * k, 0.0, 0.0)) for k in range(200)))
+    for given in (ball(48), rough_ball(0.02), rough_ball(0.3, 12), room):
+        out = prepare_mesh(given, MeshOptions(target_faces=0))
+        assert not any("smoothed" in note for note in out.report.notes)
+        assert {tuple(row) for row in out.vertices} <= {tuple(row) for row in given.vertices}
+
+
+def test_smoothing_can_be_asked_for() -> None:
+    given = rough_ball(0.02)
+    out = prepare_mesh(given, MeshOptions(denoise_steps=5))
+    assert any("smoothed" in note for note in out.report.notes)
+    assert 0 < np.abs(out.vertices[: len(given.vertices)] - given.vertices).max() < 0.02
