@@ -269,7 +269,7 @@ def test_the_creases_of_a_rough_scan_are_noise():
         (smooth.vertices + jitter)[smooth.faces].reshape(-1, 3),
         np.arange(smooth.faces.size).reshape(-1, 3).astype(np.int32),
     )
-    patches = prepare_mesh(rough, MeshOptions(target_faces=0))
+    patches = prepare_mesh(rough, MeshOptions(target_faces=0, denoise_steps=0))
     edges = topology.shared_edges(patches.welded_vertex[patches.faces])
     assert surfaces.creases(patches, edges, SurfaceOptions()).mean() > 0.1
     scan = View(patches, view("ball").camera, points_seen(ray_scene(patches), patches, view("ball").camera))
