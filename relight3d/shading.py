@@ -248,6 +248,11 @@ def largest_albedo(lobe: Lobe) -> float:
     return energy(np.asarray(lobe.axes), lobe.exponent)
 
 
+def energy_of(lobes: tuple[Lobe, ...]) -> float:
+    """The most that lobes together send back of what arrives, for any viewer and colour."""
+    return float(np.max(sum(lobe.color * largest_albedo(lobe) for lobe in lobes), initial=0.0))
+
+
 def light_strength(
     light: Light, sites: Float[np.ndarray, "site 3"], softening: float
 ) -> tuple[Float[np.ndarray, "site 3"], Float[np.ndarray, " site"]]:

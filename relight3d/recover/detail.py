@@ -20,7 +20,7 @@ from relight3d.maths.bounded_fit import fit_bounded
 from relight3d.maths.decibels import gain_db
 from relight3d.maths.lafortune import MAX_EXPONENT, tangent_frame
 from relight3d.records import Lobe
-from relight3d.shading import largest_albedo, lobe_brdf
+from relight3d.shading import energy_of, lobe_brdf
 from relight3d.tracing import over_threads
 
 POINTS = 12000  # that a thread takes at once: their arrays stay in the cache
@@ -37,7 +37,7 @@ MAX_TILT = 0.5  # tangent of the largest perturbation, about 27 degrees
 class DetailOptions:
     """How the perturbation is held."""
 
-    mode: str = "auto"  # off, normal, lobe, or auto: what left-out photographs prefer
+    mode: str = "auto"  # off, normal, lobe, ink, or auto: what left-out photographs prefer
     damping: float = 0.02  # of the data's own mean information: a pixel that knows less moves less
     num_steps: int = 3
     min_gain_db: float = 0.15  # of left-out photographs, for a surface to have detail at all
@@ -45,8 +45,8 @@ class DetailOptions:
     min_ink_gain_db: float = 0.4  # of left-out photographs, for them to do so
 
     def __post_init__(self) -> None:
-        if self.mode not in ("auto", "off", "normal", "lobe"):
-            raise InputError("detail.mode", self.mode, "auto, off, normal or lobe")
+        if self.mode not in ("auto", "off", "normal", "lobe", "ink"):
+            raise InputError("detail.mode", self.mode, "auto, off, normal, lobe or ink")
         if not 1 <= self.num_inks <= 16:
             raise InputError("detail.num_inks", self.num_inks, "1 to 16")
 
@@ -129,7 +129,7 @@ def ink_gains(
     top, bottom = _gain_equations(replace(data, gain=None), lobes, white, normal)
     top, bottom = (np.bincount(data.ink, each, num) for each in (top, bottom))
     gain = np.where(bottom > 0, 1.0 + top / np.maximum(bottom, 1e-30), 1.0)
-    energy = float(np.max(sum(lobe.color * largest_albedo(lobe) for lobe in lobes), initial=LEAST_ENERGY))
+    energy = max(energy_of(lobes), LEAST_ENERGY)
     return np.clip(gain, 0.0, max(1.0, 1.0 / energy))[data.ink].astype(np.float32)
 
 
@@ -145,20 +145,6 @@ def _gain_equations(
         top += (calm * left * specular).sum(axis=1)
         bottom += (calm * specular * specular).sum(axis=1)
     return top, bottom
-
-
-def ink_errors(data: DetailData, lobes: tuple[Lobe, ...], white: float, num_folds: int = 3) -> Float64[np.ndarray, "2"]:
-    """By how much left-out photographs are missed without and with a factor on the lobes of each ink."""
-    everything = np.arange(len(data.measured))
-    if len(everything) < MIN_PHOTOS:
-        return np.ones(2)
-    sample = _points(data, slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED))))
-    plain, errors = np.ones(len(sample.normal), np.float32), np.zeros(2)
-    for fold in range(num_folds):
-        out = everything[fold::num_folds]
-        gain = ink_gains(_photos(sample, np.setdiff1d(everything, out)), lobes, white, sample.normal)
-        errors += [misfit(sample, lobes, white, sample.normal, each, out) for each in (plain, gain)]
-    return errors
 
 
 def misfit(
@@ -186,19 +172,18 @@ def choose_detail(
     """Which detail left-out photographs prefer; of one mode, with the damping of the options or the best of `dampings`."""
     num_photos = len(data.measured)
     modes = (
-        {"normal": (0.005, 0.02, 0.1, 0.5), "lobe": (0.1,)}
+        {"normal": (0.005, 0.02, 0.1, 0.5), "lobe": (0.1,), "ink": (0.0,)}
         if options.mode == "auto"
         else {options.mode: dampings or (options.damping,)}
     )
-    if options.mode == "off" or num_photos < MIN_PHOTOS or (options.mode == "lobe" and not lobes):
+    is_there = {"normal": True, "lobe": bool(lobes), "ink": data.ink is not None}
+    if num_photos < MIN_PHOTOS or not any(is_there.get(mode, False) for mode in modes):
         return Choice("off", options.damping, 0.0, np.inf)
     thin = slice(None, None, max(1, -(-len(data.normal) // NUM_COMPARED)))
     sample = _points(data, thin)
     plain, everything = np.ones(len(sample.normal), np.float32), np.arange(num_photos)
     outs = [everything[fold::num_folds] for fold in range(num_folds)]
-    tries = [(mode, damping) for mode, dampings in modes.items() for damping in dampings if mode == "normal" or lobes]
-    if data.ink is not None and options.mode == "auto":
-        tries.append(("ink", 0.0))
+    tries = [(mode, damping) for mode, dampings in modes.items() for damping in dampings if is_there[mode]]
 
     def error_of(job: tuple) -> float:
         out, mode, damping = job
@@ -244,9 +229,7 @@ def lobes_beside_tilts(
         return np.concatenate([miss.ravel() for miss in over_threads(miss_of, [(out, trial) for out in outs])])
 
     limits = np.tile(np.log([MAX_RESHAPING, MAX_RESHAPING**2]), len(lobes))
-    fit = fit_bounded(
-        residual, [np.zeros(len(limits))], -limits, limits, "linear", max_evaluations=JOINT_STEPS, step=0.05
-    )
+    fit = fit_bounded(residual, [np.zeros(len(limits))], -limits, limits, "linear", max_evaluations=JOINT_STEPS, step=0.05)
     return tuple(_reshaped(lobe, facing, *each) for lobe, each in zip(lobes, fit.value.reshape(-1, 2), strict=True))
 
 

@@ -22,7 +22,7 @@ from relight3d.maths.decibels import gain_db
 from relight3d.maths.lafortune import MAX_EXPONENT
 from relight3d.maths.least_squares import Status, robust_scale
 from relight3d.records import Lobe
-from relight3d.shading import largest_albedo, lobe_brdf
+from relight3d.shading import energy_of, lobe_brdf
 
 MAX_ENERGY = 1.0
 MIN_NEAR_PEAK, PEAK_SHARE = 10, 0.5  # so many samples must see a lobe at this share of its peak
@@ -375,8 +375,7 @@ def _compress(radiance: np.ndarray, white: float) -> np.ndarray:
 
 def within_energy(lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
     """Lobes scaled so that all together send back no more than they get, for any viewer and colour."""
-    sent = sum(lobe.color * largest_albedo(lobe) for lobe in lobes)
-    excess = max(float(np.max(sent)) / MAX_ENERGY, 1.0)
+    excess = max(energy_of(lobes) / MAX_ENERGY, 1.0)
     return tuple(replace(lobe, color=lobe.color / excess) for lobe in lobes)
 
 

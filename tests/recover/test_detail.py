@@ -103,15 +103,16 @@ def test_inks_and_tilts_are_told_together() -> None:
 
 
 def test_left_out_photographs_say_whether_inks_shine_unlike() -> None:
-    without, with_inks = detail.ink_errors(inked()[0], LOBES, 1.0)
-    assert with_inks < 0.5 * without
-    without, with_inks = detail.ink_errors(inked((1.0, 1.0, 1.0))[0], LOBES, 1.0)
-    assert with_inks > 0.95 * without
+    inks_only = detail.DetailOptions(mode="ink")
+    assert detail.choose_detail(inked()[0], LOBES, 1.0, inks_only).gain_db > -10 * np.log10(0.5)
+    assert detail.choose_detail(inked((1.0, 1.0, 1.0))[0], LOBES, 1.0, inks_only).gain_db < -10 * np.log10(0.95)
     few = inked()[0]
     few = replace(
         few, **{name: getattr(few, name)[:3] for name in ("to_light", "falloff", "measured", "other", "weight")}
     )
-    np.testing.assert_array_equal(detail.ink_errors(few, LOBES, 1.0), 1.0)
+    nothing = detail.Choice("off", 0.02, 0.0, np.inf)
+    assert detail.choose_detail(few, LOBES, 1.0, inks_only) == nothing
+    assert detail.choose_detail(replace(inked()[0], ink=None), LOBES, 1.0, inks_only) == nothing
 
 
 def test_an_ink_that_no_highlight_tells_of_has_the_lobes_own_strength() -> None:

@@ -74,15 +74,15 @@ def _lobes_by_ink(
     ink = inks_of(stage, fitted, s, mine)
     if ink is None:
         return fitted, None
-    data = replace(data, ink=ink)
-    plain, error = detail.ink_errors(data, fitted.lobes[s], stage.white)
-    if gain_db(plain, error) < stage.options.detail.min_ink_gain_db:
+    data, options = replace(data, ink=ink), replace(stage.options.detail, mode="ink")
+    found = detail.choose_detail(data, fitted.lobes[s], stage.white, options)
+    if found.gain_db < options.min_ink_gain_db:
         return fitted, None
     gain = fitted.lobe_gain.copy()
     gain[mine] = detail.ink_gains(data, fitted.lobes[s], stage.white, data.normal)
     trial = with_gloss(fitted, s, gloss_of(stage, observed, mirrors, replace(fitted, lobe_gain=gain), s, mine))
-    _, tried = detail.ink_errors(data, trial.lobes[s], stage.white)
-    return (trial if tried < error and trial.lobes[s] else fitted), ink
+    tried = detail.choose_detail(data, trial.lobes[s], stage.white, options)
+    return (trial if tried.error < found.error and trial.lobes[s] else fitted), ink
 
 
 def _scaled(lobes: tuple[Lobe, ...], factor: float) -> tuple[Lobe, ...]:
