@@ -26,6 +26,10 @@ class XScreen:
         self.display = f":{number}"
         self.framebuffer = folder / "Xvfb_screen0"
 
+    @property
+    def process_id(self) -> int:
+        return self._process.pid
+
     def __enter__(self) -> "XScreen":
         return self
 

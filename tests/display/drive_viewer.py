@@ -1,6 +1,6 @@
 """Run in a child under a virtual screen: a hand drives the viewer, and each thing it should do is checked.
 
-Usage: drive_viewer.py FRAMEBUFFER NUM_WINDOWS. Ends with exit 0 and the line "driven".
+Usage: drive_viewer.py FRAMEBUFFER. Ends with exit 0 and the line "driven".
 """
 
 import os
@@ -190,15 +190,12 @@ def orbit(driver: Driver) -> None:
 
 
 def main() -> None:
-    """One window is driven through everything, further ones only shown, each closed before the next."""
-    for index in range(int(sys.argv[2])):
-        driver = Driver()
-        if index == 0:
-            for work in (drag_the_light, add_a_lamp, pull_the_exposure, switch_a_layer, click_a_pixel, orbit):
-                work(driver)
-        driver.mouse.close()
-        driver.window.close()
-        driver.ticks(5)
+    driver = Driver()
+    for work in (drag_the_light, add_a_lamp, pull_the_exposure, switch_a_layer, click_a_pixel, orbit):
+        work(driver)
+    driver.mouse.close()
+    driver.window.close()
+    driver.ticks(5)
     sys.stdout.write("driven\n")
 
 

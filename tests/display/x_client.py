@@ -47,6 +47,8 @@ class XClient:
         self._socket.sendall(struct.pack("<BBHII", 25, 0, 11, window, 0) + event)
 
     def close(self) -> None:
+        """Once the server has heard what was said: a hand that leaves at once is not listened to."""
+        self._atom(b"WM_PROTOCOLS")
         self._socket.close()
 
     def _atom(self, name: bytes) -> int:
