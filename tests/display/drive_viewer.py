@@ -1,6 +1,6 @@
 """Run in a child under a virtual screen: a hand drives the viewer, and each thing it should do is checked.
 
-Usage: drive_viewer.py FRAMEBUFFER. Ends with exit 0 and the line "driven".
+Usage: drive_viewer.py FRAMEBUFFER. Ends with exit 0 and a line "driven".
 """
 
 import os

@@ -90,7 +90,7 @@ def test_a_hand_drives_the_viewer(tmp_path: Path):
     with XScreen(tmp_path) as screen:
         done = drive(screen)
     assert done.returncode == 0, done.stderr[-3000:]
-    assert done.stdout.splitlines()[-1] == "driven"
+    assert "driven" in done.stdout.splitlines()  # Open3D writes there too, and when it likes
 
 
 @needs_screen
